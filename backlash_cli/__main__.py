@@ -1,7 +1,5 @@
 """Entry point: the commands as one group; every failure becomes one message and an exit status of the contract."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

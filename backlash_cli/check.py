@@ -1,8 +1,6 @@
 """Before any verdict: is the record of each loop good enough, and do its settings agree with the data?"""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
@@ -10,15 +8,14 @@ from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
 from .estimator.settings_check import check_settings
-from .record import LoopSettings, Note, Record
+from .record import Frozen, LoopSettings, Note, Record
 from .words import said
 
 # after these the given Ti is no measure for the sampling
 _OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
 
 
-@dataclass(frozen=True)
-class LoopCheck:
+class LoopCheck(Frozen):
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
     identified: settings read from the data; unidentified: why not. settings_notes: disagreements. diagnosis: what an
@@ -38,36 +35,26 @@ class LoopCheck:
     failure: Note | None = None
 
     @property
-    def judged(self) -> tuple[str, str]:
-        """What stands in the way of a verdict: "none", "limits", "blocks" or "failed", the worst there is, and why."""
+    def judged(self) -> Note:
+        """What the data mean for the verdict: "none", "limits", "blocks" or "failed", the worst there is, and why."""
         if self.failure is not None:
-            return "failed", f"not checked: {self.failure.message}"
+            return Note("failed", f"not checked: {self.failure.message}")
         quality = () if self.quality is None else self.quality.notes
         heaviest = quality[0].values["effect"] if quality else "info"
         if heaviest == "blocks":
-            return "blocks", f"no verdict possible: {quality[0].message}"
+            return Note("blocks", f"no verdict possible: {quality[0].message}")
         if self.unidentified is not None and not (self.settings.K and self.settings.Ti):
-            return "blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}"
+            return Note("blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}")
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
-                return "limits", f"the size of a dead band would be wrong: {note.message}"
+                return Note("limits", f"the size of a dead band would be wrong: {note.message}")
         if heaviest == "limits":
-            return "limits", f"a dead band can be suspected at most: {quality[0].message}"
+            return Note("limits", f"a dead band can be suspected at most: {quality[0].message}")
         for note in self.settings_notes:
-            return "none", f"fit for a verdict, but: {note.message}"
+            return Note("none", f"fit for a verdict, but: {note.message}")
         if self.diagnosis is not None:
-            return "none", f"fit for a verdict, but the loop oscillates; it {said(self.diagnosis.kind)}"
-        return "none", "fit for a verdict"
-
-    @property
-    def effect(self) -> str:
-        """What it all means for a verdict, in a word."""
-        return self.judged[0]
-
-    @property
-    def meaning(self) -> str:
-        """One sentence on what it means for the verdict on backlash."""
-        return self.judged[1]
+            return Note("none", f"fit for a verdict, but the loop oscillates; it {said(self.diagnosis.kind)}")
+        return Note("none", "fit for a verdict")
 
 
 def check_loop(record: Record) -> LoopCheck:

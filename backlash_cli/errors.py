@@ -1,7 +1,5 @@
 """The project's own errors: each says what is wrong, where, and how to mend it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 

@@ -11,21 +11,19 @@ own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from .record import FloatArray, IntArray, Record, SampleState
+from .record import FloatArray, Frozen, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
 PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in the processor's cache
 
 
-@dataclass(frozen=True)
-class DoubleLag:
+class DoubleLag(Frozen):
     """Coefficients (3,) of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold; T = 0 is the identity.
 
     With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2.
@@ -63,8 +61,7 @@ def double_lag(time_constant: float, interval: float) -> DoubleLag:
     return DoubleLag(np.array([0.0, -less - r * a, a * (less + r)]), np.array([1.0, -2.0 * a, a * a]))
 
 
-@dataclass(frozen=True, eq=False)
-class Segments:
+class Segments(Frozen, eq=False):
     """Half periods of one loop, (half_periods,) arrays; positions in samples on the record's grid.
 
     begin, end: grid position of the two zero crossings, interpolated between samples. area: integral of |e|
@@ -96,8 +93,7 @@ class Segments:
         return Segments(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 
 
-@dataclass(frozen=True)
-class OpenHalfPeriod:
+class OpenHalfPeriod(Frozen):
     """The half period that the next block goes on with."""
 
     sign: int
@@ -121,24 +117,25 @@ def behind_gaps(index: IntArray, before: int) -> IntArray:
     """Return the places (gaps,) in `index` (samples,) that do not follow the one before; `before` stands ahead."""
     if index[-1] - before == len(index):  # strictly increasing: nothing is left out
         return np.zeros(0, np.int64)
-    return np.flatnonzero(np.diff(index, prepend=before) != 1)
+    return np.flatnonzero(np.append(index[0] != before + 1, index[1:] - index[:-1] != 1))
 
 
-def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
-            open_: OpenHalfPeriod | None) -> tuple[Segments, OpenHalfPeriod | None]:
+def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None,
+            least: tuple[float, float] = (0.0, 0.0)) -> tuple[Segments, OpenHalfPeriod | None, int]:
     """Cut a block of usable samples into half periods.
 
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
-    period. open_: what the previous block left open. Returns the half periods that ended inside this block and the
-    one left open.
+    period. open_: what the previous block left open. Returns the half periods that ended inside this block, the one
+    left open, and the number of complete ones that are not returned, as their area [span samples] or length [samples]
+    is below least.
     """
     if not len(error):
-        return Segments.join([]), open_
+        return Segments.join([]), open_, 0
     if open_ is None:
         first, at_first = float(error[0]), int(index[0])
         open_ = OpenHalfPeriod(int(np.sign(first)), float(at_first), False, 0.0, abs(first), 0.0, at_first, first,
                                float(setpoint[0]))
-        return segment(error[1:], setpoint[1:], index[1:], open_)
+        return segment(error[1:], setpoint[1:], index[1:], open_, least)
     o, n = open_, len(error)
     size, sign = np.empty(n + 1), np.empty(n + 1, dtype=np.int8)  # of the last sample before the block as well
     size[0], sign[0] = abs(o.last_error), o.sign
@@ -151,45 +148,56 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray,
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
     ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0) | apart)  # last sample of each that ends
     firsts, lasts = np.append(0, ends + 1), np.append(ends, n)
-    crossed, after = ~apart[ends], size[ends + 1]
-    # of the step to the next sample so much lies before the crossing
-    share = np.where(crossed, size[ends] / np.where(crossed, size[ends] + after, 1.0), 0.0)
-    area = np.add.reduceat(size, firsts) - 0.5 * (size[firsts] + size[lasts])
-    area[:-1] += 0.5 * size[ends] * share
-    area[1:] += np.where(crossed, 0.5 * after * (1.0 - share), 0.0)
-    peak = np.maximum.reduceat(size, firsts)
-    moved = np.zeros(len(firsts))
+    area = np.add.reduceat(size, firsts)
+    # neither area nor length can be larger than these; what begins or ends at a gap or in another block is kept
+    keep = (area >= least[0]) & (lasts - firsts + 2 >= least[1])
+    keep[[0, -1]] = True
+    keep[:-1] |= apart[ends]
+    keep[1:] |= apart[ends]
+    if left_out := len(keep) - int(np.count_nonzero(keep)):
+        firsts, lasts, area = firsts[keep], lasts[keep], area[keep]
+
+    def crossing(at: IntArray) -> tuple[NDArray[np.bool_], FloatArray]:
+        """Whether the error crosses zero behind samples, and how much of the step to the next lies before that."""
+        crossed, both = ~apart[at], size[at] + size[at + 1]
+        return crossed, np.where(crossed, size[at] / np.where(crossed, both, 1.0), 0.0)
+
+    def position(at: IntArray) -> IntArray:
+        return np.where(at > 0, index[at - 1], o.last_index)
+
+    (at_begin, share), (at_end, before) = crossing(firsts[1:] - 1), crossing(lasts[:-1])
+    area -= 0.5 * (size[firsts] + size[lasts])
+    area[:-1] += 0.5 * size[lasts[:-1]] * before
+    area[1:] += np.where(at_begin, 0.5 * size[firsts[1:]] * (1.0 - share), 0.0)
+    stretches = np.column_stack((firsts, lasts + 1)).ravel()[:-1]
+    peak, moved = np.maximum.reduceat(size, stretches)[::2], np.zeros(len(firsts))
     if (setpoint != o.last_setpoint).any():
         steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
-        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), firsts)
+        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), stretches)[::2]
     area[0], peak[0], moved[0] = area[0] + o.area, max(peak[0], o.e_max), moved[0] + o.move
-    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
-    begin = np.append(o.begin, np.where(crossed, end, index[ends]))
-    began = np.append(o.crossed, crossed)
-    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(np.int64), moved[:-1],
-                    began[:-1] & crossed)
+    begin, began = np.append(o.begin, position(firsts[1:] - at_begin) + share), np.append(o.crossed, at_begin)
+    done = Segments(begin[:-1], position(lasts[:-1]) + before, area[:-1], peak[:-1], sign[lasts[:-1]].astype(np.int64),
+                    moved[:-1], began[:-1] & at_end)
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    return done if done.direction.all() else done.select(done.direction != 0), left
+    return done if done.direction.all() else done.select(done.direction != 0), left, left_out
 
 
 class ErrorTrack:
-    """Half periods of one error signal: those that have ended, and the open one. Complete ones below `least_area`
-    [span samples] and `least_length` [samples] are counted and not kept."""
+    """Half periods of one error signal: those that have ended, and the open one. Most complete ones below least, an
+    area [span samples] and a length [samples], are counted and not kept."""
 
-    def __init__(self, least_area: float = 0.0, least_length: float = 0.0) -> None:
+    def __init__(self, least: tuple[float, float]) -> None:
         self.open: OpenHalfPeriod | None = None
         self.left_out = 0
-        self._least = least_area, least_length
+        self._least = least
         self._parts: list[Segments] = []
 
     def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
         """Take the next usable samples; see `segment`."""
-        done, self.open = segment(error, setpoint, index, self.open)
-        large = (done.area >= self._least[0]) & (done.end - done.begin >= self._least[1])
-        keep = np.flatnonzero(large | ~done.complete)
-        self.left_out += len(done) - len(keep)
-        self._parts.append(done.select(keep))
+        done, self.open, left_out = segment(error, setpoint, index, self.open, self._least)
+        self.left_out += left_out
+        self._parts.append(done)
 
     @property
     def ended(self) -> Segments:
@@ -211,14 +219,14 @@ class ErrorScanner:
     measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
     be used.
 
-    least: `least_area` of plain and `least_length` of smooth half periods, see ErrorTrack.
+    least: area of plain and length of smooth half periods, see ErrorTrack.
     """
 
     def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:
         self.stages = stages
         self.states: list[FloatArray] = []  # of each filter; none before the first sample
         self.last_index = 0  # position of the last sample that went through the filters
-        self.plain, self.smooth = ErrorTrack(least_area=least[0]), ErrorTrack(least_length=least[1])
+        self.plain, self.smooth = ErrorTrack((least[0], 0.0)), ErrorTrack((0.0, least[1]))
 
     def update(self, block: Record) -> None:
         """Take the next block of the record."""

@@ -1,7 +1,5 @@
 """Loops over samples that NumPy cannot vectorise, compiled by numba on first use (imported lazily, cached on disk)."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 from functools import lru_cache
@@ -42,18 +40,17 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     u: (samples,) controller output; widths: (widths,) dead bands in its units; returns (widths, blocks) of
     play(u) - u. Until u has covered a whole gap, the stem is taken to stand in the middle of where it may stand.
     """
-    out = np.zeros((len(widths), count))
+    out = np.zeros((count, len(widths)))  # the widths of a block side by side: they are computed together
     half, x = 0.5 * widths, np.empty(len(widths))
     low = high = u[0]
     for i in range(count * size):
-        v = u[i]
+        v, sums = u[i], out[i // size]
         low, high = min(low, v), max(high, v)
         for j in range(len(widths)):
-            if high - low < widths[j]:
-                x[j] = 0.5 * (low + high)
+            x[j] = 0.5 * (low + high) if high - low < widths[j] else x[j]
             x[j] = min(max(x[j], v - half[j]), v + half[j])
-            out[j, i // size] += x[j] - v
-    return out / size
+            sums[j] += x[j] - v
+    return np.ascontiguousarray(out.T) / size
 
 
 @numba.njit(cache=True)

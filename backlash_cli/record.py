@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from typing import dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,16 @@ def duration(seconds: float, digits: int = 3) -> str:
     return f"{float(f'{seconds / length:.{digits}g}'):g} {name}"
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """What is known once and never changes: a class that is made from it is a frozen dataclass."""
+
+    def __init_subclass__(cls, **options: bool) -> None:
+        super().__init_subclass__()
+        dataclass(frozen=True, **options)(cls)
+
+
 class SampleState(IntEnum):
     """Why a sample can or cannot be used. Only GOOD and FILLED samples enter an estimate."""
 
@@ -40,8 +51,7 @@ class SampleState(IntEnum):
     IMPLAUSIBLE = 6  # far outside the span (spike)
 
 
-@dataclass(frozen=True)
-class Note:
+class Note(Frozen):
     """A reason or warning: machine-readable code, a sentence for a person, and numbers behind it."""
 
     code: str
@@ -49,8 +59,7 @@ class Note:
     values: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class LoopSettings:
+class LoopSettings(Frozen):
     """Controller and loop settings in the tool's own form: ideal PID on normalised signals, seconds.
 
     u = K ( -yf + 1/Ti * integral(ysp - yf) - Td dyf/dt ),  Yf = Y / (1 + s Tf)^2   (Haegglund 2007, eqs 2, 3)
@@ -85,8 +94,7 @@ class LoopSettings:
         return replace(self, source={**self.source, **dict.fromkeys(values, source)}, **values)  # type: ignore[arg-type]
 
 
-@dataclass(frozen=True, eq=False)
-class Record:
+class Record(Frozen, eq=False):
     """Samples of one loop on a uniform grid, normalised, in time order; gaps are jumps of `index`.
 
     loop: name. start: UTC epoch seconds of index 0. interval: seconds between grid points.

@@ -1,9 +1,7 @@
 """From the samples of a loop to its report: blocks into a LoopScanner, then every question that a record can answer."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +18,7 @@ from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
-from .record import LoopSettings, Note, Record
+from .record import Frozen, LoopSettings, Note, Record
 from .results import Confirmation, LoopReport, Verdict
 from .words import noted
 
@@ -29,8 +27,7 @@ OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a li
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
-@dataclass(frozen=True)
-class ScanOptions:
+class ScanOptions(Frozen):
     """What a scan does: `confirm` runs the test of PV against OP through a dead band; `carry` keeps what the next
     night needs to go on with the half period that is open at the end (for a history)."""
 

@@ -1,7 +1,5 @@
 """TOML that people write (settings, models, scenarios, limits, the nightly job): read in one way, wrong in one way."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections import Counter

@@ -1,7 +1,5 @@
 """What is said of a loop to people: the sentences of words.toml with their numbers put in."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files

@@ -90,7 +90,7 @@ def _walk_stretch(e, sp, offset):
 def run(e, sp, index, cuts):
     parts, left = [], None
     for a, b in zip([0, *cuts], [*cuts, len(e)], strict=True):
-        done, left = segment(e[a:b], sp[a:b], index[a:b], left)
+        done, left, _ = segment(e[a:b], sp[a:b], index[a:b], left)
         parts.append(done)
     return Segments.join([*parts, *([] if left is None else [left.ended(float(left.last_index), False)])])
 

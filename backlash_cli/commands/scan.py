@@ -178,7 +178,7 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
     """Keep what a scan into a history has finished, until the block has ended well. scan: what makes it the same."""
     if history is None:
         if resume:
-            raise UsageError("--resume goes on with a scan into a history", where="--resume",
+            raise UsageError("only a scan into a history can go on", where="--resume",
                              remedy="name the file with --history, as the scan that was stopped did")
         yield None
         return

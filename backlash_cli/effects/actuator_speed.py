@@ -14,8 +14,6 @@ Unequal speed: the actuator opens at one speed and closes at another, as a sprin
 [0.0, 0.1, 0.2, 0.15, 0.05]
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..record import FloatArray
@@ -41,7 +39,10 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 def speeds(clues: Clues) -> list[Values]:
     """Return speeds that cross the output's usual travel in a fraction of the process lag up to many lags."""
     travel = max(float(np.ptp(np.quantile(clues.output, [0.05, 0.95]))), 1e-3)
-    return [{"rate": travel / (share * clues.lag)} for share in (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0)]
+    # two speeds that turn out alike are one
+    alike = [float(speed) for speed in clues.known.get("unequal_speed", {}).values()]  # type: ignore[arg-type]
+    rates = [*(travel / (share * clues.lag) for share in (0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0)), *alike]
+    return [{"rate": rate} for rate in rates]
 
 
 RATE_LIMIT = Effect(
@@ -72,5 +73,5 @@ UNEQUAL_SPEED = Effect(
     start, step,
     fitting=Fitting(
         propose=unequal_speeds, seldom=True, siblings=("rate_limit",),
-        meaning="The actuator opens with at most {opening} and closes with at most {closing}. Check its vent, the "
-        "quick exhaust, the spring and the air supply."))
+        meaning="The fastest that the actuator moves: opening {opening}, closing {closing}. Check its vent, the quick "
+        "exhaust, the spring and the air supply."))

@@ -25,8 +25,6 @@ follows it half a width behind, so that it shows one value while PV rises and an
 [0.5, 0.51, 0.53, 0.53, 0.52]
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

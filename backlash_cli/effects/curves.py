@@ -24,8 +24,6 @@ same curve as a valve's, over the span of PV: c < 0 is steep at the low end, as 
 [0.0, 0.455, 0.731, 1.0]
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..record import FloatArray

@@ -3,21 +3,17 @@
 A `Fitting` is data, so that a fit never asks for an effect by name and a user's own effect takes part like the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 
 Values = Mapping[str, float | tuple[float, ...]]
 
 
-@dataclass(frozen=True, eq=False)
-class Clues:
+class Clues(Frozen, eq=False):
     """What is known about the loop when start values are proposed; times in seconds from the first sample.
 
     output: (samples,) signal that enters the effect. measurement: (samples,), used: (samples,) bool where it counts.
@@ -43,8 +39,7 @@ Whole = Callable[[FloatArray, FloatArray, float], FloatArray]
 Interval = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 
-@dataclass(frozen=True)
-class Fitting:
+class Fitting(Frozen):
     """How an effect takes part in a fit.
 
     linear: parameters in which the effect adds in proportion; they are solved for, not searched. phase: parameter that

@@ -52,8 +52,6 @@ Random load: the process input wanders about its mean, as flows, pressures and c
 [0.5095, 0.5086]
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -22,8 +22,6 @@ signal's distance from `pivot` grows by `growth` per hour, counted from the firs
 [0.5, 0.55, 0.4]
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import MetadataError

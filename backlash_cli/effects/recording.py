@@ -18,8 +18,6 @@ whole record.
 [0.5, 0.5, 0.511, 0.511, 0.5]
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..record import FloatArray

@@ -1,7 +1,5 @@
 """Finds an effect by name: the project's own, installed ones (entry points), or `module:NAME` from a user's file."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -14,11 +14,9 @@ where an effect moves inside a sample interval its output sample is the mean ove
 At its neutral values an effect returns its input bit for bit, so models nest and "off" needs no class.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any
@@ -26,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MetadataError, nearest
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .fitting import Fitting
 
 Start = Callable[[FloatArray, float, float], FloatArray]
@@ -43,8 +41,7 @@ class Stage(StrEnum):
     SENSOR = "sensor"
 
 
-@dataclass(frozen=True)
-class Parameter:
+class Parameter(Frozen):
     """One number (or, with `many`, a list of numbers) of an effect.
 
     low, high: physical bounds. neutral: value at which the effect does nothing, also used when a value is left out.
@@ -64,8 +61,7 @@ class Parameter:
     choices: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True)
-class Effect:
+class Effect(Frozen):
     """What a reader, a fit and the simulator need to know about one physical effect.
 
     column: the effect also takes the samples of one measured column, (samples,).

@@ -1,7 +1,5 @@
 """Plans that were made before are read from a folder."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from pathlib import Path

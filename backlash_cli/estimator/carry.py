@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 
 from ..half_periods import PIECE, ErrorScanner, OpenHalfPeriod, Segments
-from ..record import FloatArray, LoopSettings, Record
+from ..record import FloatArray, Frozen, LoopSettings, Record
 from .haegglund import error_scanner
 
 FORGET = 25.0  # after 25 time constants a start at rest is forgotten: (1 + x) exp(-x) = 4e-10
@@ -24,8 +24,7 @@ SMALLEST_MOVE = 0.005  # reversals of the output within 0.5 % of span do not mov
 NEAR = 1e-3  # samples: crossings so close are the same one
 
 
-@dataclass(frozen=True, eq=False)
-class Tail:
+class Tail(Frozen, eq=False):
     """State of the error scanner after the last sample; positions on the grid of its night."""
 
     open: OpenHalfPeriod | None
@@ -33,8 +32,7 @@ class Tail:
     last_index: int
 
 
-@dataclass(frozen=True, eq=False)
-class Carry:
+class Carry(Frozen, eq=False):
     """What one night leaves behind. Positions are on its own grid.
 
     head: (index, setpoint, measurement, state) of the first samples. tail: None where no sample was usable. travel: how

@@ -6,8 +6,6 @@ and the noise on the output together are smaller than the gap: gain + 5 sigma < 
 a few hundred samples). `python -m tests.benchmarks.compensation_benchmark` prints what the rule reaches.
 """
 
-from __future__ import annotations
-
 from ..results import Cluster, Compensator, Confirmation
 from ..words import said
 

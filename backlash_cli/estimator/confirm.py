@@ -10,16 +10,13 @@ more, is not proved by what a fraction of it explains. Where there is a trace, t
 more rows and finer widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, LoopSettings, Note, Record, duration
+from ..record import FloatArray, Frozen, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
@@ -44,8 +41,7 @@ GAP = 20  # samples; a hole as long ends a recording
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(Frozen):
     """What one block length says: the prediction, gaps tested in it, and what the best imitation gains."""
 
     prediction: Predictor
@@ -63,8 +59,7 @@ class Asked:
         return self.test.fit - IMITATED * self.imitation
 
 
-@dataclass(frozen=True)
-class Study:
+class Study(Frozen):
     """What was asked of one record. asked: by block length. length: of the record in integral times; span: of OP [%];
     rebuilt: OP was not recorded."""
 

@@ -7,13 +7,13 @@ costs a few numbers a window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 
 import numpy as np
 
 from ..half_periods import DoubleLag
-from ..record import FloatArray, IntArray
+from ..record import FloatArray, Frozen, IntArray
 
 OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
@@ -23,8 +23,7 @@ FEWEST_WINDOWS = 6  # of which some may lose their weight
 ROUNDING = 1e-6  # of residuals: smaller differences are none
 
 
-@dataclass(frozen=True)
-class LawForm:
+class LawForm(Frozen):
     """What a fit assumes: its terms; rows per window; rows left out after a gap, in which the filter settles (about
     5 Tf); shift [rows] by which the output answers late; phase, the share of the newest error that the integral has not
     yet taken in (0 for a controller that runs at the logged rate, 1/2 for one much faster)."""
@@ -36,8 +35,7 @@ class LawForm:
     phase: float = 0.0
 
 
-@dataclass(frozen=True)
-class LawFit:
+class LawFit(Frozen):
     """One fit of u = K(-yf - Td dyf/dt + b ysp) + K/Ti integral(ysp - yf), with one offset per window.
 
     values: (terms,) coefficients of `form.terms`. residuals: (windows,) sum of squares left in each window.
@@ -66,26 +64,14 @@ class LawFit:
         return np.asarray(np.linalg.solve(gram, (right / scale)[..., None])[..., 0] / scale)
 
     @cached_property
-    def attenuation(self) -> float:
-        """Partial r2 of the P part: by so much noise in PV could have lowered K at most (direct over reverse fit)."""
-        gram = self._total[np.ix_(self.form.terms, self.form.terms)]
-        scale = np.sqrt(np.diag(gram))
-        own = (self.values[0] * scale[0]) ** 2 / np.linalg.inv(gram / np.outer(scale, scale))[0, 0]
-        return float(own / (own + self.weights @ self.residuals))
-
-    @cached_property
     def one_frequency(self) -> float:
         """Share of the derivative that the other terms explain; near 1 for a single sine, where a filter cannot be
         told from integral action."""
-        terms, own = self.form.terms, self._total[DERIVATIVE, DERIVATIVE]
+        terms, total = self.form.terms, np.tensordot(self.weights, self.sums, 1)
+        own, with_others = total[DERIVATIVE, DERIVATIVE], total[DERIVATIVE, terms]
         if own <= 0 or DERIVATIVE in terms:
             return 0.0
-        with_others = self._total[DERIVATIVE, terms]
-        return float(with_others @ np.linalg.solve(self._total[np.ix_(terms, terms)], with_others) / own)
-
-    @cached_property
-    def _total(self) -> FloatArray:
-        return np.asarray(np.tensordot(self.weights, self.sums, 1))
+        return float(with_others @ np.linalg.solve(total[np.ix_(terms, terms)], with_others) / own)
 
     @property
     def gain(self) -> float:
@@ -105,8 +91,7 @@ class LawFit:
         return float(mean / error) if error > 0.0 else np.inf * float(mean)
 
 
-@dataclass(frozen=True)
-class LawRows:
+class LawRows(Frozen):
     """Setpoint, measurement and output (3, rows) on a grid of `interval` seconds; a jump of `index` is a gap.
 
     known: sums of products made so far, for many fits rest on the same.

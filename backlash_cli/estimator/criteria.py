@@ -5,13 +5,10 @@ CALLED, SOME and the table CONFIDENCE come from 2,200 loops of plants that share
 are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
-from ..record import Note
+from ..record import Frozen, Note
 from ..results import Confirmation
 from ..words import noted, times
 
@@ -30,8 +27,7 @@ KNOWN = 0.75  # half interval over d; beyond, nobody can act on the size
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(Frozen):
     """A Confirmation judged. clear: all rules hold. some: there is evidence, but a rule speaks against it."""
 
     clear: bool

@@ -6,8 +6,6 @@ small. That chance is calibrated on plants that share nothing with the test, a t
 (`python -m tests.benchmarks.exclusion` fits it anew).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

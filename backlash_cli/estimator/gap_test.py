@@ -18,15 +18,12 @@ Gaps that forget are offered as imitations: shaped alike, but rate dependent, as
 the imperfection of the prediction is worth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray
+from ..record import FloatArray, Frozen, IntArray
 from .predictor import LEAST_ROWS, Predictor
 
 COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the stem stands
@@ -40,8 +37,7 @@ IMITATED = 0.5  # of what imitations gain is taken off
 SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
 
 
-@dataclass(frozen=True)
-class GapTest:
+class GapTest(Frozen):
     """What each of the `widths` (widths,) brings; see the module. possible: the answer has the process's sign and a
     possible size. error_reduction: share of the prediction error variance that the gap removes. counted: of rows."""
 
@@ -139,7 +135,7 @@ def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
     G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
     cross, own = _beside(p, G)
-    left = own - np.swapaxes(cross, 1, 2) @ (p.inverse @ cross)
+    left = own - np.swapaxes(cross, 1, 2) @ np.linalg.solve(p.gram, cross)
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9

@@ -5,8 +5,6 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -10,15 +10,13 @@ controller of a loop whose setpoint never moved explains the recorded output alm
 setpoint moved, it does not, and nothing is assumed.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
 from scipy.special import stdtrit
 
-from ..record import FloatArray, LoopSettings, Note, Record, SampleState
+from ..record import FloatArray, Frozen, LoopSettings, Note, Record, SampleState
 from ..words import noted
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawFit, LawForm, LawRows, fit_law, search_filter
 from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
@@ -47,21 +45,19 @@ PROVEN = 0.98  # share of OP explained by a constant setpoint; with a moving one
 AT_ONE_FREQUENCY = noted("one_frequency")
 
 
-@dataclass(frozen=True)
-class Identified:
+class Identified(Frozen):
     """A value read from the data, with its 95 % interval."""
 
     value: float
     ci95: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Identification:
+class Identification(Frozen):
     """Settings read from the data: K [output span / measurement span of this record], Ti and Td [s], ratio K/Ti [1/s].
 
     b: weight of the setpoint in the P part, None when the setpoint stands still. Td is 0 unless the data show it.
     Tf: measurement filter [s] (3) that fits best. r2: share of the output's motion that is explained.
-    n: rows of data used, `interval` seconds apart. form: "ideal PI" or "ideal PID". notes: what limits the result
+    interval: [s] of the rows used. form: "ideal PI" or "ideal PID". notes: what limits the result
     (gain_uncertain, sampling_too_coarse, interpolated, one_frequency).
     """
 
@@ -72,7 +68,6 @@ class Identification:
     b: Identified | None
     Tf: float
     r2: float
-    n: int
     interval: float
     form: str
     notes: tuple[Note, ...] = ()
@@ -141,7 +136,7 @@ def _found(record: Record, finest: LawRows) -> Identification | Note:
         if pid and derivative_is_real(pid[0], best):
             fits, best = pid, pid[0]
     alike = best.one_frequency > ONE_FREQUENCY
-    if alike:
+    if alike:  # with the filter that the tool assumes; with none, and one twice as slow, for the intervals
         way, Tf = replace(form, shift=0), 0.0
         for _ in range(8):
             fit = fit_law(rows, way, Tf)
@@ -208,11 +203,9 @@ def _refused(explained: float, *, by_chance: bool = False) -> Note:
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...]) -> Identification:
     """Values of the first fit; intervals from its scatter, from the other fits, and from what sampling hides."""
     best, terms = fits[0], fits[0].form.terms
-    # Not in the scatter: which part of the newest error the output already contains, and at coarse rates the
-    # noise between the samples, which the controller saw and the record did not.
+    # not in the scatter: which part of the newest error the output already contains, and noise between the samples
     coarse = 0.0 if averaged else rows.interval / best.reset_time
-    blur = 0.01 + 0.1 * coarse + 0.15 * coarse * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
-    stretch = np.array([1.0 / best.attenuation if coarse > NOISE_UNSEEN else 1.0] * 2 + [1.0] * 3)
+    blur = 0.01 + 0.1 * coarse + 0.5 * coarse * np.array([1.0, 1.0, 0.0, 0.0, 0.0])
 
     def quantities(v: FloatArray) -> FloatArray:
         """K, Ti, K/Ti, Td and b of coefficients (..., terms)."""
@@ -229,7 +222,7 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
             reach = stdtrit(groups - 1, 0.975) * error + blur * np.abs(value)
             # a part of the record without any integral action: nothing is known
             reach = np.where(np.isfinite(reach), reach, np.inf)
-            ends += [v + way for v in (value, value * stretch) for way in (-reach, reach)]
+            ends += [value - reach, value + reach]
     K, Ti, ratio, Td, b = (Identified(value, (low, high)) for value, low, high in zip(
         quantities(best.values).tolist(), np.min(ends, axis=0).tolist(), np.max(ends, axis=0).tolist(), strict=True))
     low, high = sorted(abs(x) for x in K.ci95)
@@ -239,7 +232,7 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
         values = {"interval": rows.interval, "Ti": best.reset_time}
         notes = (*notes, noted("sampling_too_coarse:settings", values))
     return Identification(K, Ti, Td, ratio, b if SETPOINT in terms and coarse < NOISE_UNSEEN else None,
-                          best.filter_time, 1.0 - best.unexplained, len(rows.index), rows.interval,
+                          best.filter_time, 1.0 - best.unexplained, rows.interval,
                           "ideal PID" if DERIVATIVE in terms else "ideal PI", notes)
 
 

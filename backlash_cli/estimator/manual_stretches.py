@@ -1,7 +1,5 @@
 """Finds the tests of a valve in a record: stretches in manual in which a hand moved OP there and back."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..record import Record, SampleState

@@ -18,12 +18,11 @@ Blocks are regressed on what lies before them only: under feedback OP answers PV
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray
+from ..record import FloatArray, Frozen, IntArray
 
 LEAST_ROWS, FEWEST_ROWS = 25, 60  # rows beyond the number of columns, and at least
 COMPLETE = 0.6  # share of a block's samples that must be usable
@@ -36,8 +35,7 @@ LEVELS = 50  # at most: of more recordings, neighbours share one
 MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better than that, however little noise there is
 
 
-@dataclass(frozen=True)
-class Recording:
+class Recording(Frozen):
     """Samples without a gap in time: output, measurement (samples,) of any units, and which of them may be used."""
 
     output: FloatArray
@@ -60,8 +58,7 @@ def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, u
     return Recording(held, np.interp(grid, at[usable], scale * measurement[usable]), good)
 
 
-@dataclass(frozen=True)
-class Lags:
+class Lags(Frozen):
     """How far back a prediction looks: `fine` single blocks, then `far` means over 2, 4, 8 .. blocks, and how many
     lags of OP squared and of the products with PV."""
 
@@ -89,12 +86,11 @@ def lags_for(blocks: int) -> Lags:
     return Lags(6, 3, 3, 2) if blocks > 600 else Lags(4, 3, 1, 1) if blocks > 250 else Lags(3, 2, 1, 0)
 
 
-@dataclass(frozen=True)
-class Predictor:
+class Predictor(Frozen):
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
     columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
-    the weights (rows,), so that sums over rows are weighted ones. inverse: of the Gram matrix. past_measurement,
+    the weights (rows,), so that sums over rows are weighted ones. gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
     loss: sum of squared errors, that of an imperfect model included. every: 1 where all rows are there, 2 where every
     second one is ..
@@ -107,7 +103,6 @@ class Predictor:
     weights: FloatArray
     error: FloatArray
     gram: FloatArray
-    inverse: FloatArray
     loss: float
     past_measurement: slice
     past_output: slice
@@ -137,8 +132,7 @@ class Predictor:
         return np.concatenate([rows >= first for rows, first in zip(self._rows, firsts, strict=True)], axis=1)
 
 
-@dataclass(frozen=True)
-class Blocks:
+class Blocks(Frozen):
     """A recording in blocks of `size` samples. means: (5, blocks) of PV, OP, OP squared, OP times PV and PV squared,
     the last three over span of OP or deviation of PV; usable: (blocks,) share of the samples that may be used."""
 
@@ -214,10 +208,8 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     error = y - b @ H
     floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
     output, latest, recent = levels + lags.count, levels + 2 * lags.count, len(_last_lengths(recordings[0].size))
-    inverse = np.asarray(np.linalg.inv(gram), dtype=np.float64)
-    return Predictor(recordings[0].size, lags, H, y, w, error, gram, inverse, float(error @ error) + floor,
-                     slice(levels, output), slice(output, latest), slice(latest, latest + recent),
-                     every, tuple(taken),
+    return Predictor(recordings[0].size, lags, H, y, w, error, gram, float(error @ error) + floor,
+                     slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
 
 

@@ -4,14 +4,11 @@ The `values["effect"]` of a note is what it means for the verdict: "info", "limi
 evidence alone) or "blocks" ("cannot tell" for this reason).
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..record import FloatArray, IntArray, Note, Record, SampleState, duration
+from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration
 from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import Survey, measured
@@ -34,8 +31,7 @@ LEAST_KINKS = 5
 LINEAR = 0.2  # share of the samples on straight lines above which a signal was interpolated
 
 
-@dataclass(frozen=True)
-class Storage:
+class Storage(Frozen):
     """How a signal was stored. kind: "samples", "held" (by exception, or a slower scan), "linear" (interpolated).
 
     share: of the samples that are not measurements of their own. run: samples per stored value, on average.
@@ -51,8 +47,7 @@ class Storage:
     noise: float = 0.0
 
 
-@dataclass(frozen=True)
-class Quality:
+class Quality(Frozen):
     """Numbers about one record; signals normalised like the record, times in seconds, shares (0..1) of all grid points
     between the first and the last sample.
 
@@ -149,7 +144,7 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
     share = (survey.states / max(points, 1)).tolist()
     index, values, output_index, outputs = measured(record)
     op, turns = stored_as(output_index, outputs) if len(output_index) else None, None
-    of_measurement, of_output = np.nan_to_num(np.maximum(survey.highest - survey.lowest, 0.0)).tolist()
+    of_measurement, of_output = np.fmax(survey.highest - survey.lowest, 0.0).tolist()
     if op is not None:  # reversals of OP, averaged over Ti / MANY, by more than what noise and rounding make
         group = output_index // (max(round(Ti / MANY / interval), 1) if Ti else 1)
         starts = np.flatnonzero(np.diff(group, prepend=-1))

@@ -7,8 +7,6 @@ controller passes on to its output walks the valve to and fro across its gap, so
 travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -109,7 +107,7 @@ def densest(d: FloatArray) -> Cluster | None:
     highs = np.searchsorted(values, values * (1 + CLOSE), side="right")
     most = int(np.argmax(highs - lows))
     members = values[lows[most] : highs[most]]
-    q1, centre, q3 = np.quantile(members, [0.25, 0.5, 0.75]).tolist()
+    q1, centre, q3 = np.interp([0.25, 0.5, 0.75], np.linspace(0.0, 1.0, len(members)), members).tolist()
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members), len(members) / len(values))
 
 

@@ -1,7 +1,5 @@
 """The controller output rebuilt from SP, PV, K and Ti where it was not recorded."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

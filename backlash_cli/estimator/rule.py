@@ -4,8 +4,6 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 equation is written once, for numbers as for arrays over half periods.
 """
 
-from __future__ import annotations
-
 from typing import TypeVar
 
 import numpy as np

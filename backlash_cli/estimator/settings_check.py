@@ -6,12 +6,10 @@ identified), "K" and "Ti" (as identified, in the units of the record), and "seve
 beyond, the size of a dead band is wrong by that factor).
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil, exp, log
 
-from ..record import LoopSettings, Note, Record
+from ..record import Frozen, LoopSettings, Note, Record
 from ..words import noted, said
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
 from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, law_rows, window_of
@@ -19,8 +17,7 @@ from .survey import LEVELS, SLOWER
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
-WELL_EXPLAINED = 0.9  # share of OP's motion below which noise that the record did not see lowers K/Ti,
-WELL_KNOWN = 0.08  # and half width of the interval of K/Ti above which only gross differences count
+WELL_KNOWN = 0.08  # half width of the interval of K/Ti above which only gross differences count
 CONTRADICTS = log(1.5)
 EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
 CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/Ti is known less well
@@ -30,12 +27,12 @@ GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
 # The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
 SAME_RATIO = 1.08  # of K/Ti; settings_check says nothing up to 1.15
 SAME_GAIN = 1.3  # of K and Td; settings_check says nothing up to 1.6
+WELL_EXPLAINED = 0.9  # share of OP's motion
 FEWEST_WINDOWS = 3
 LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
 
-@dataclass(frozen=True)
-class MixUp:
+class MixUp(Frozen):
     """A usual mistake: settings as given = those of the controller times these factors."""
 
     code: str
@@ -127,20 +124,18 @@ def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: 
     shown = f"K {gain.value:.3g}, Ti {reset.value:.3g} s"
     mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None
     of_spans = mix_up is not None and mix_up.known and abs(offset - log(mix_up.gain / mix_up.reset)) < CLOSE
-    clear = of_spans or (width < WELL_KNOWN and found.r2 > WELL_EXPLAINED)
-    if abs(offset) <= AGREES or sure <= (SURE if clear else gross):
+    if abs(offset) <= AGREES or sure <= (SURE if of_spans or width < WELL_KNOWN else gross):
         if not (found.separate and abs(apart) > GAIN_APART and sure_apart > AGREES):
             return []
         return [noted("settings_gain", _values(found, factor, "warn"), given_K=K, given_Ti=Ti, times=_times(apart),
                       shown=shown)]
+    severity = "contradict" if abs(offset) > CONTRADICTS else "warn"
     if mix_up is not None:
-        severity = "contradict" if abs(offset) > CONTRADICTS else "warn"
         return [Note(mix_up.code, f"{mix_up.words} (the data show {shown})",
                      _values(found, mix_up.gain / mix_up.reset, severity))]
     if coarse:
         return [noted("settings_unchecked:coarse", {"why": "sampling_too_coarse"}, Ti=Ti, interval=found.interval)]
-    code, severity = ("settings_contradicted", "contradict") if abs(offset) > CONTRADICTS and sure > AGREES else (
-        "settings_disagree", "warn")
+    code = "settings_contradicted" if severity == "contradict" else "settings_disagree"
     message = said("settings_disagree", times=_times(offset), shown=shown, ratio=ratio.value, width=width)
     return [Note(code, message, _values(found, factor, severity))]
 

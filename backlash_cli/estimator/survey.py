@@ -4,8 +4,6 @@ From these come pictures of the record at several time scales: an even choice of
 long, of single samples or of means over 4, 16, 64 and 256 of them.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import replace
 from typing import Any
@@ -88,8 +86,7 @@ class Survey:
 def measured(r: Record) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     """Samples that were measured, not filled in, from a few stretches: grid numbers (rows,) and values (rows,) of the
     measurement, then of the output. More would not show better what a recorder did to them."""
-    at = np.flatnonzero(r.usable & np.isfinite(r.setpoint) & np.isfinite(r.measurement))
-    at = at[_even_choice(r.index[at], SLOTS // 2)]
+    at = _even_choice(r.index, r.usable & np.isfinite(r.setpoint) & np.isfinite(r.measurement), SLOTS // 2)
     at = at[r.state[at] == SampleState.GOOD]
     outputs = np.full(len(at), np.nan) if r.output is None else r.output[at]
     both = np.isfinite(outputs)
@@ -103,11 +100,9 @@ def rows(r: Record, level: int) -> tuple[IntArray, FloatArray]:
     number = r.index[use] // size
     starts = np.flatnonzero(np.diff(number, prepend=number[:1] - 1))
     whole = np.diff(starts, append=len(number)) == size
-    index = number[starts[whole]]
-    chosen = _even_choice(index, SLOTS)
-    sums = [np.add.reduceat(x[use], starts)[whole][chosen]
-            for x in (r.setpoint, r.measurement, r.output) if x is not None]
-    return index[chosen], np.array(sums) / size
+    chosen = _even_choice(number[starts], whole, SLOTS)
+    sums = [np.add.reduceat(x[use], starts)[chosen] for x in (r.setpoint, r.measurement, r.output) if x is not None]
+    return number[starts[chosen]], np.array(sums) / size
 
 
 def with_all_signals(r: Record) -> NDArray[np.bool_]:
@@ -116,11 +111,14 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
     return known & (r.output is not None and np.isfinite(r.output))
 
 
-def _even_choice(index: IntArray, most: int) -> NDArray[np.bool_]:
-    """Which rows lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
+def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
+    """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
     stretch, stride = index // ROWS, 1
-    there = stretch[np.flatnonzero(np.append(stretch[1:] != stretch[:-1], len(stretch) > 0))]
-    while np.count_nonzero(there % stride == 0) > most:
+    starts = np.flatnonzero(np.append(len(stretch) > 0, stretch[1:] != stretch[:-1]))
+    ends = np.append(starts[1:], len(index))
+    there = np.logical_or.reduceat(use, starts)
+    starts, ends, numbers = starts[there], ends[there], stretch[starts[there]]
+    while np.count_nonzero(chosen := numbers % stride == 0) > most:
         stride *= 2
-    chosen: NDArray[np.bool_] = stretch & (stride - 1) == 0  # many times as fast as a remainder
-    return chosen
+    return np.concatenate([np.zeros(0, np.int64), *(
+        first + np.flatnonzero(use[first:last]) for first, last in zip(starts[chosen], ends[chosen], strict=True))])

@@ -4,13 +4,11 @@ PV against OP decides, where it can be tested. The published estimates (15) stan
 confidence, disagreement is said, and neither number is averaged into the other.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..record import Note
+from ..record import Frozen, Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from ..words import noted, said, times
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read
@@ -26,8 +24,7 @@ DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak agains
 TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be told from data of this kind
 
 
-@dataclass(frozen=True)
-class Findings:
+class Findings(Frozen):
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. oscillation: share of the record and
     period [s]. quality: notes whose values["effect"] says what they mean for the verdict. output_step: rounding step of
@@ -63,8 +60,7 @@ class Findings:
         return (note,) if share > 0.5 else ()
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(Frozen):
     """Verdict, reasons (the weightiest first), confidence that the verdict is right, the number to go with it, and the
     test of PV against OP that it rests on."""
 

@@ -1,5 +1,4 @@
-"""The shape of an oscillation: period, regularity, mean half period and how well simple shapes fit it; and its mean
-cycle: does a gap in the valve explain it better than a plain linear process?
+"""An oscillation's period, and its mean cycle: does a gap in the valve explain it better than a plain linear process?
 
 Averaged over many cycles, noise goes and the harmonics remain. They show what the fundamental hides: through a gap the
 valve stands still after each reversal, and PV runs straight for that while. The process is a gain, two lags and a dead
@@ -9,27 +8,23 @@ process. A sticking valve looks the same as one with a gap here: with the slip j
 of 600 simulated loops with and without a jump were explained no better.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import correlate
 
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 
-GRID = (np.arange(64) + 0.5) / 64  # of a half period after stretching to common length
-LEAST_HALF_PERIODS = 6
 POINTS = 128
 CYCLE = np.arange(POINTS) / POINTS
 HARMONICS = np.arange(1, 10)
 EVEN = HARMONICS % 2 == 0
-LEAST_CYCLES = 4
+LEAST_CYCLES = 5
 MODEL_ERROR = 0.003  # of the fundamental: how well two lags and a dead time can follow a real process
-DELAYS = np.linspace(0.0, 0.4, 21)  # all in periods
-FIRST_LAGS = np.array([0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 50.0])
-SECOND_LAGS = np.array([0.0, 0.02, 0.05, 0.1, 0.2])
+DELAYS = np.linspace(0.0, 0.4, 41)  # all in periods
+FIRST_LAGS = np.append(np.geomspace(0.02, 1.6, 14), 50.0)
+SECOND_LAGS = np.append(0.0, np.geomspace(0.01, 0.2, 7))
 GAPS = np.linspace(0.05, 0.95, 19)  # of the output's swing
 EVEN_SURE = 4.0  # power of the even harmonics over their scatter
 EVEN_LARGE = 0.5  # and over the fundamental: a sawtooth; noise in a valve's cycles does not make them as large
@@ -43,16 +38,14 @@ def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
     return np.asarray(raw / power * (n / (n - np.arange(lags)))) if power > 0 else np.zeros(lags)
 
 
+def moving_mean(values: FloatArray, width: float) -> FloatArray:
+    """Centred mean over `width` samples."""
+    return np.asarray(uniform_filter1d(values, max(round(width), 1)))
+
+
 def detrended(values: FloatArray, period: float) -> FloatArray:
     """Values less their mean over one period around each, so that only the oscillation and faster parts stay."""
-    return values - moving_mean(values, round(period))
-
-
-def moving_mean(values: FloatArray, width: int) -> FloatArray:
-    """Centred mean over `width` samples, over fewer at the ends."""
-    width, at, total = max(width, 1), np.arange(len(values)), np.append(0.0, np.cumsum(values))
-    low, high = np.maximum(at - width // 2, 0), np.minimum(at + width - width // 2, len(values))
-    return np.asarray((total[high] - total[low]) / (high - low))
+    return values - moving_mean(values, period)
 
 
 def find_period(values: FloatArray) -> tuple[float, float]:
@@ -70,17 +63,6 @@ def find_period(values: FloatArray) -> tuple[float, float]:
     return k + (0.5 * (r[k - 1] - r[k + 1]) / bend if bend < 0 else 0.0), float(r[k])
 
 
-def regularity(values: FloatArray, crossings: int = 11) -> float:
-    """Return mean / (3 sd) of the intervals between the first zero crossings of the autocorrelation, 0 with fewer than
-    eight; above 1: regular (Thornhill, Huang and Zhang, J. Process Control 13 (2003) 91)."""
-    r = autocorrelation(values, len(values) // 2)
-    at = np.flatnonzero(np.sign(r[1:]) != np.sign(r[:-1]))[:crossings]
-    if len(at) < 8:
-        return 0.0
-    length, spread = np.diff(at), np.diff(at).std(ddof=1)
-    return float(length.mean() / (3.0 * spread)) if spread > 0 else np.inf
-
-
 def sustained(values: FloatArray, period: float, height: float) -> float:
     """Autocorrelation five periods on (1: the same for ever, 0: forgotten); height: the same one period on."""
     far, near = round(5.0 * period), max(round(period / 8.0), 2)  # the period is not known to the sample
@@ -89,47 +71,25 @@ def sustained(values: FloatArray, period: float, height: float) -> float:
     return float(autocorrelation(values, far + near + 1)[far - near :].max())
 
 
-def mean_half_period(values: FloatArray, period: float) -> FloatArray | None:
-    """Return the median shape (64,) between zero crossings of a signal that oscillates with `period`, each of mean 1;
-    None with fewer than six half periods."""
-    flat = detrended(values, period)
-    shapes = stretched(flat, crossings(flat, period)[0], (0.25 * period, 0.8 * period), GRID)
-    if len(shapes) < LEAST_HALF_PERIODS:
-        return None
-    mean = shapes.mean(1, keepdims=True)
-    return np.asarray(np.median(shapes / np.where(mean == 0.0, 1.0, mean), axis=0))
-
-
-def stretched(values: FloatArray, marks: FloatArray, lengths: tuple[float, float], grid: FloatArray) -> FloatArray:
-    """Values between two marks (pieces, grid), of all pieces of a length between `lengths`, at the same `grid` 0..1."""
+def cycles(values: FloatArray, marks: FloatArray, period: float) -> FloatArray:
+    """Values between two marks (cycles, POINTS), of all cycles about as long as the period."""
     length = np.diff(marks)
-    typical = (length > lengths[0]) & (length < lengths[1])
-    time = marks[:-1][typical, None] + grid * length[typical, None]
+    typical = (length > 0.6 * period) & (length < 1.5 * period)
+    time = marks[:-1][typical, None] + CYCLE * length[typical, None]
     return np.asarray(np.interp(time, np.arange(len(values)), values))
 
 
-def crossings(flat: FloatArray, period: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Zero crossings [samples] of a detrended signal, smoothed over a sixteenth of the period, and whether it rises."""
-    smooth = moving_mean(flat, round(period / 16.0))
-    sign = smooth >= 0.0
-    at = np.flatnonzero(sign[1:] != sign[:-1])
-    return at + smooth[at] / (smooth[at] - smooth[at + 1]), sign[at + 1]
+def upward_crossings(flat: FloatArray, period: float) -> FloatArray:
+    """Places [samples] where a detrended signal, smoothed over a sixteenth of the period, comes from below zero."""
+    smooth = moving_mean(flat, period / 16.0)
+    at = np.flatnonzero((smooth[1:] >= 0.0) & (smooth[:-1] < 0.0))
+    return np.asarray(at + smooth[at] / (smooth[at] - smooth[at + 1]))
 
 
-def misfits(shape: FloatArray) -> list[float]:
-    """Sums of squares that the best half sine, the best constant and the best triangle, whose peak may be anywhere (He
-    et al. 2007), leave of a half period (64,)."""
-    peaks, left = np.linspace(0.1, 0.9, 33)[:, None], []
-    for bases in (np.sin(np.pi * GRID)[None], np.ones((1, len(GRID))),
-                  np.minimum(GRID / peaks, (1.0 - GRID) / (1.0 - peaks))):
-        along = (bases @ shape) / np.sum(bases * bases, axis=1)
-        left.append(float(np.sum((shape - bases * along[:, None]) ** 2, axis=1).min()))
-    return left
+class MeanCycle(Frozen):
+    """What the mean cycle of PV is made of, and what explains it.
 
-
-@dataclass(frozen=True)
-class CycleTest:
-    """misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
+    misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
 
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
     process that fits then. harmonics: all above the first, over the first.
@@ -156,17 +116,17 @@ class CycleTest:
         return self.misfit * self.left
 
 
-def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: float,
-                       action: float = 0.0) -> CycleTest | None:
-    """Compare the mean cycle of PV with that of OP through a linear process, with and without a gap in the valve.
+def mean_cycle(measurement: FloatArray, output: FloatArray, period: float, action: float = 0.0) -> MeanCycle | None:
+    """Compare the mean cycle of PV with that of OP through a linear process, with and without a gap in the valve; None
+    with fewer than five cycles.
 
     action: sign of the controller gain K, 0 where it is not known and is read from the phase. With PI control OP leads
     PV by 90 to 180 degrees for a positive K and lags it by up to 90 degrees for a negative one."""
     from ..kernels import play
 
     pv, op = detrended(measurement, period), detrended(output, period)
-    at, rising = crossings(pv, period)
-    pv_cycles, op_cycles = (stretched(x, at[rising], (0.6 * period, 1.5 * period), CYCLE) for x in (pv, op))
+    marks = upward_crossings(pv, period)
+    pv_cycles, op_cycles = (cycles(x, marks, period) for x in (pv, op))
     if len(pv_cycles) < LEAST_CYCLES:
         return None
     parts, n = np.fft.rfft(pv_cycles, axis=1)[:, HARMONICS] / POINTS, len(pv_cycles)
@@ -184,33 +144,24 @@ def compare_mean_cycle(measurement: FloatArray, output: FloatArray, period: floa
     misfit = left / len(HARMONICS)
     best = int(misfit.argmin())
     share = float(misfit[best] / misfit[0]) if misfit[0] > 0 else 1.0
-    size = np.abs(target) / max(float(np.abs(target[0])), 1e-300)
-    even = float(np.mean((np.abs(target) ** 2 / np.maximum(scatter, 1e-300))[EVEN]))
-    lopsided = even > EVEN_SURE and float(np.sqrt(np.sum(size[EVEN] ** 2))) > EVEN_LARGE
-    return CycleTest(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]),
-                     float(np.sqrt(np.sum(size[1:] ** 2))), not lopsided, float(-np.degrees(np.angle(-sign * lead))))
+    power = np.abs(target) ** 2
+    even = float(np.mean((power / np.maximum(scatter, 1e-300))[EVEN]))
+    lopsided = even > EVEN_SURE and power[EVEN].sum() > EVEN_LARGE**2 * power[0]
+    harmonics = float(np.sqrt(power[1:].sum() / max(power[0], 1e-300)))
+    return MeanCycle(float(misfit[0]), share, float(gaps[best]), float(first_lags[best]), harmonics, not lopsided,
+                     float(-np.degrees(np.angle(-sign * lead))))
 
 
 def _best_processes(target: NDArray[np.complex128], through: NDArray[np.complex128],
                     weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     """For each gap the weighted squares that the best process leaves, and its first lag [periods]; through: (gaps,
-    harmonics) of the output behind each gap. Dead time and lags from a grid, then twice finer."""
-    gaps = len(through)
-    delays, first, second = (np.tile(grid, (gaps, 1)) for grid in (DELAYS, FIRST_LAGS, SECOND_LAGS))
-    w, every = 2j * np.pi * HARMONICS, np.arange(gaps)
-    for finer in (0.5, 0.2, 0.0):
-        lags = (1.0 / (1.0 + w * first[:, :, None]))[:, :, None] / (1.0 + w * second[:, None, :, None])
-        lags = lags.reshape(gaps, -1, len(HARMONICS))
-        delayed = np.conj(through[:, None, :] * np.exp(-w * delays[:, :, None])) * (target * weight)
-        # a gain of the wrong sign is no process
-        along = np.maximum((delayed @ np.conj(lags).transpose(0, 2, 1)).real, 0.0)
-        own = (np.abs(lags) ** 2 @ (np.abs(through) ** 2 * weight)[:, :, None])[..., 0]
-        left = np.sum(np.abs(target) ** 2 * weight) - along**2 / np.maximum(own, 1e-300)[:, None, :]
-        at = left.reshape(gaps, -1).argmin(1)
-        smallest = left.reshape(gaps, -1)[every, at]
-        i, j, k = np.unravel_index(at, (delays.shape[1], first.shape[1], second.shape[1]))
-        delay, one, two = delays[every, i, None], first[every, j, None], second[every, k, None]
-        near = np.linspace(-finer, finer, 7)
-        delays = np.clip(delay + 0.02 * near, 0.0, None)
-        first, second = one * 2.0**near, np.clip(two * 2.0**near, 0.005 * finer, None)
-    return smallest, one[:, 0]
+    harmonics) of the output behind each gap."""
+    w = 2j * np.pi * HARMONICS
+    first, second = (grid.ravel()[:, None] for grid in np.meshgrid(FIRST_LAGS, SECOND_LAGS))
+    lags = 1.0 / ((1.0 + w * first) * (1.0 + w * second))
+    delayed = np.conj(through[:, None, :] * np.exp(-w * DELAYS[:, None])) * (target * weight)
+    along = np.maximum((delayed @ np.conj(lags).T).real, 0.0)  # a gain of the wrong sign is no process
+    own = (np.abs(through) ** 2 * weight) @ (np.abs(lags) ** 2).T
+    left = np.sum(np.abs(target) ** 2 * weight) - along**2 / np.maximum(own, 1e-300)[:, None, :]
+    left = left.reshape(len(through), -1)
+    return left.min(1), first[left.argmin(1) % len(first), 0]

@@ -1,7 +1,5 @@
 """How well PV is explained by gaps of each width: where the best one is, how well it is known, and what to report."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..record import FloatArray

@@ -1,7 +1,5 @@
 """Which exports count, and how neighbouring nights are joined at the cut."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right, insort
 from collections.abc import Sequence

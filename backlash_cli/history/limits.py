@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import msgspec
 
 from ..errors import MetadataError, nearest
+from ..record import Frozen
 from ..results.history import Limit
 from ..toml_text import Page, checked, line_of, parsed, read_page
 
@@ -43,8 +44,7 @@ _WORDS = {"limit": "give a number of per cent between 0 and 100, for example lim
           "loops": 'give a name, a pattern, or a list of them, for example loops = ["FIC1*"]'}
 
 
-@dataclass(frozen=True)
-class Limits:
+class Limits(Frozen):
     """Limits of all loops: classes by name, patterns in order, single loops, and the class of all others."""
 
     classes: Mapping[str, Limit]

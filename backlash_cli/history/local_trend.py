@@ -11,7 +11,7 @@ and steps are told by the residuals (P. de Jong, J. Penzer, Diagnosing shocks in
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import factorial, inf
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import expit, ndtr, softmax
 
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from ..results.history import DAY
 
 BoolArray = NDArray[np.bool_]
@@ -96,8 +96,7 @@ SMOOTH = [way for way in BELIEF if way.order]  # bend, but do not jump
 STIFF = (LINE, Way(1, 32.0), Way(1, 16.0), Way(1, 8.0), Way(2), Way(2, 16.0), *CURVES)  # do not follow a step
 
 
-@dataclass(frozen=True, eq=False)
-class Nights:
+class Nights(Frozen, eq=False):
     """Sizes in time order, (nights,) arrays: days, dead band [span], its standard error [span]; and what no trend
     explains: whether a night lies apart, and whether its level is a step from before."""
 
@@ -177,8 +176,7 @@ class Fit:
         return np.append(0.0, step[1:]), np.abs(self.pull) / np.sqrt(np.diag(inverse))
 
 
-@dataclass(frozen=True, eq=False)
-class Trend:
+class Trend(Frozen, eq=False):
     """The dead band of `nights` and beyond, over days, (points,) each: level, low and high end of its 95 % interval.
     slope: mean over the last month [span/day], and its interval. straight: how much the nights speak for a line."""
 

@@ -10,7 +10,6 @@ import re
 import socket
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -18,6 +17,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 
 from ..errors import BacklashError, MetadataError, nearest
+from ..record import Frozen
 from ..toml_text import Page, checked, line_of, parsed, read_page
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
@@ -96,8 +96,7 @@ def read_config(path: str | Path) -> NightlyConfig:
         reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
 
 
-@dataclass(frozen=True)
-class DatedExport:
+class DatedExport(Frozen):
     """The files of one night. name: the date in their names, or the file name where there is none."""
 
     name: str

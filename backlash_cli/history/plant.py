@@ -12,8 +12,6 @@ factor between 0.7 and 1.5 (a valve that moves more wears faster and harms more)
 over the plant's median.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime

@@ -6,8 +6,6 @@ the history one single file that also works on a network drive; a killed run lea
 back, so that either all of a run is in the file or nothing of it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -8,8 +8,6 @@ How each kind of night is used:
 The time of a night is the middle of its data; the clock is never asked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -46,7 +44,7 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
         repairs = tuple(sorted([*marked, *found], key=lambda r: r.time))
         parts = _between(points, repairs)
     out = Wear(loop, nights, limit, "no_estimate", tuple(segment for _, segment, _ in parts if segment),
-               repairs, None, tuple(gaps), tuple(missing_days(covered)))
+               repairs, gaps=tuple(gaps), missing_days=tuple(missing_days(covered)))
     # after the last repair nothing may have been measured yet: then no older slope speaks for the valve
     _, segment, trend = parts[-1]
     if segment is None:
@@ -58,17 +56,18 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     holds = not stepped and (compared is None or compared.straight_line_holds)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
     line = holds and trend.straight >= UNLIKELY * BELIEF[LINE]
-    out = replace(out, model="line" if line else "local", held_out=compared, state="no_trend")
+    out = replace(out, model="line" if line else "local", held_out=compared)
     last = len(trend.nights) - 1
-    if segment.slope_ci95[0] <= 0 and not (stepped and trend.low[last] > trend.high[0]):
-        return out
-    used = fit(trend.nights, (LINE,)) if line else trend
+    grows = segment.slope_ci95[0] > 0 or (stepped and trend.low[last] > trend.high[0])
+    used = fit(trend.nights, (LINE,)) if line and grows else trend
     value, early, late = used.reaches(limit.value)
-    if not np.isfinite(value):
-        return replace(out, state="growing")
+    out = replace(out, state="growing" if grows else "no_trend")
+    passed = used.days[0] < value and late <= used.days[last]  # in these nights, for sure
+    if not passed and (not grows or not np.isfinite(value)):
+        return replace(out, earliest=DAY * early if np.isfinite(early) and segment.level < limit.value else None)
     # as far as a figure shows it
     ahead = used.days[last] + np.linspace(0.0, min(value + 3.0 - used.days[last], DRAWN), 12)
-    return replace(out, state="growing", limit_date=(DAY * value, DAY * early, DAY * late),
+    return replace(out, limit_date=(DAY * value, DAY * early, DAY * late),
                    forecast=used.path(ahead) if value > used.days[last] else ())
 
 

@@ -6,8 +6,6 @@ there, and a line that was cut short is left out, for it cannot be read. A repor
 which stands for all that the report is made from.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import hashlib

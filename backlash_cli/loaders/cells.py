@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray
+from ..record import FloatArray, Frozen, IntArray
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
@@ -27,8 +27,7 @@ _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\
 _CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
 
 
-@dataclass(frozen=True, eq=False)
-class Lexicon:
+class Lexicon(Frozen, eq=False):
     """Texts that stand in a column, by their numbers; read as numbers once for all that share them."""
 
     words: list[str] = field(default_factory=list)
@@ -46,8 +45,7 @@ class Lexicon:
         return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
 
 
-@dataclass(frozen=True, eq=False)
-class Cells:
+class Cells(Frozen, eq=False):
     """Cells of a column. values: (rows,) nan where no number stands. codes: (rows,) place in the lexicon or -1."""
 
     values: FloatArray
@@ -114,7 +112,10 @@ def is_text(kind: pa.DataType) -> bool:
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
     """Return the cells (rows,) of a column of numbers: nan where a cell is empty, also of whole numbers."""
-    return column.to_numpy(zero_copy_only=False)
+    column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+    if column.null_count or not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
+        return column.to_numpy(zero_copy_only=False)
+    return np.from_dlpack(column)  # without a load of pandas, which takes longer than a loop to read
 
 
 def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: str = ".", *, written: bool = False
@@ -144,7 +145,8 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
     column = column if pa.types.is_dictionary(column.type) else column.dictionary_encode()
     if isinstance(column, pa.ChunkedArray):
         column = column.unify_dictionaries().combine_chunks()
-    indices, found = to_array(column.indices.fill_null(-1)).astype(np.int64), column.dictionary
+    indices, found = column.indices, column.dictionary
+    indices = to_array(indices.fill_null(-1) if indices.null_count else indices).astype(np.int64)
     found = found if is_text(found.type) or pa.types.is_binary(found.type) else found.cast(pa.large_string())
     # as bytes: in a damaged Parquet file they may be no text
     texts = [(word or b"").decode(errors="replace") for word in found.cast(pa.large_binary()).to_pylist()]

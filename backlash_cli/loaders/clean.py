@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, IntArray, LoopSettings, Note, Record
+from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
 from ..settings.spans import spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
@@ -28,8 +28,7 @@ MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, 
 LONGEST_FILL = 60  # samples, however slow the controller
 
 
-@dataclass(frozen=True)
-class Recipe:
+class Recipe(Frozen):
     """All that makes the record of one loop, when its turn comes, also in another process. key: of its kept report."""
 
     loop: str
@@ -154,7 +153,8 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [] if sp is not None else [noted("no_setpoint", {"loop": loop.name})]
+        missing = [noted(code, {"loop": loop.name}) for code, values in (("no_setpoint", sp), ("no_output:column", op))
+                   if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (
             ("wild", "filled", "frozen", "saturated", "missing"), ("setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
@@ -258,7 +258,7 @@ class _Making:
 def _where_recorded(pv: Signal) -> Signal:
     """The rows of the measurement: blank cells in many places mean that it was recorded less often."""
     blank = np.isnan(pv.values) & ~pv.bad
-    count = int(blank.sum())
+    count = int(np.count_nonzero(blank))
     if 0 < count < len(blank):
         edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
         if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
@@ -298,4 +298,6 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        return (values - low) * (1.0 / (high - low))
+        found: FloatArray = values - low
+        found *= 1.0 / (high - low)  # in place: no second array of a long record
+    return found

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, IntArray, Note, duration
+from ..record import FloatArray, Frozen, IntArray, Note, duration
 from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min
@@ -34,8 +34,7 @@ _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 9
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
 
 
-@dataclass(frozen=True, eq=False)
-class Ordered:
+class Ordered(Frozen, eq=False):
     """stamps: strictly increasing microseconds. rows: row of each stamp, None when it is every row in order."""
 
     stamps: IntArray
@@ -151,8 +150,7 @@ def utc_text(micros: int) -> str:
     return str(np.datetime64(int(micros) // SECOND, "s")).replace("T", " ")
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Frozen, eq=False):
     """A grid and its points. start, step, gap, usual: microseconds; longer distances than gap are gaps, unless it is
     regular. index: (samples,) grid numbers, jumps are gaps. rows: (samples,) of a regular one, -1 for an absent one,
     None when sample i is row i. recorded: (samples,) of others, True where a row stands there (jitter: beside it)."""

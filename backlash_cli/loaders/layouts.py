@@ -1,16 +1,15 @@
 """Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs."""
 
-from __future__ import annotations
-
 from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 
 import numpy as np
 import pyarrow as pa
 
 from ..errors import InputError
+from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text
 from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_name, plain, signal_role, some, split_tag
 from .options import ReadOptions
@@ -23,8 +22,7 @@ BOUNDS, GROUPS, IGNORED, LOOP, TAG, VALUE = (
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
-@dataclass(frozen=True)
-class Head:
+class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
     look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
     rest is of text: first_line and offset, where data begin; end: of what was looked at."""
@@ -84,8 +82,7 @@ class Head:
         return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
 
 
-@dataclass(frozen=True)
-class Layout:
+class Layout(Frozen):
     """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
     values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it."""
 
@@ -145,7 +142,8 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
         return (dates[0], clocks[0]), {dates[0], clocks[0]}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
-    return (utc or [i for i in columns if is_time_name(head.names[i])] or columns)[:1], set(columns)
+    best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_time_name(head.names[i])))
+    return (best,), set(columns)
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:

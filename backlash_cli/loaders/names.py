@@ -1,17 +1,14 @@
 """Names of columns and tags: which signal of which loop is this? The words that are known stand in words.toml."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from itertools import product
 from typing import Any
 
-from ..record import Note
+from ..record import Frozen, Note
 
 WORDS: dict[str, dict[str, Any]] = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
 SIGNALS: dict[str, str] = WORDS["signals"]
@@ -26,8 +23,7 @@ _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s*[\[(][^\])]*[\])])?(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC1.PV - Feed flow
 
 
-@dataclass(frozen=True)
-class Tag:
+class Tag(Frozen):
     """A name taken apart: `role` ("sp", "pv", "op", "mode", "quality", "time", "" for another signal), `signal` (the
     last part as written) and, of quality and time columns, `of`: the tag they belong to."""
 

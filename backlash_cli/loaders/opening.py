@@ -1,8 +1,6 @@
 """From a path to UTF-8 text in whole lines, or to Parquet: compression, encodings, archives, workbooks, what is no
 export; and how a text is written: delimiter, header, units row, decimal sign, told from its first lines."""
 
-from __future__ import annotations
-
 import bz2
 import codecs
 import contextlib
@@ -32,7 +30,7 @@ from .sources import Remote, is_export, open_place, stem_of
 from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
-BLOCK = 8 << 20  # bytes of text that are handed on at once
+BLOCK = 2 << 20  # bytes of text that are handed on at once: larger ones get fresh memory each
 SAMPLE = 64 << 10  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
@@ -149,11 +147,12 @@ class Text:
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
     """Yield text in blocks of whole lines; a line longer than a block is one block."""
-    block, enough = bytearray(), BLOCK
+    parts, enough = list[bytes | bytearray](), BLOCK
     for piece in pieces:
-        block += piece
-        if len(block) < enough:
+        parts.append(piece)
+        if sum(map(len, parts)) < enough:
             continue
+        block = bytearray().join(parts)
         end = b"\n" if b"\n" in block else b"\r"
         last = block.rfind(end)
         begin = block.rfind(b'"', 0, last)
@@ -163,9 +162,9 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         del block[last + 1 :]
         if block:
             yield block
-        block, enough = rest, max(BLOCK, 2 * len(rest))
-    if block:
-        yield block
+        parts, enough = [rest], max(BLOCK, 2 * len(rest))
+    if any(parts):
+        yield bytearray().join(parts)
 
 
 def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:

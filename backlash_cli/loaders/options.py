@@ -1,18 +1,16 @@
 """What a user may say about an export when the file itself does not say it clearly."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from functools import lru_cache
 from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
+from ..record import Frozen
 from .grid import SECOND
 from .names import explained
 
@@ -22,8 +20,7 @@ _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
 _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
 
-@dataclass(frozen=True)
-class ReadOptions:
+class ReadOptions(Frozen):
     """How to read exports; every `None` means: find it in the file.
 
     time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.

@@ -1,11 +1,8 @@
 """Read exports: files to signals, signals to loops, loops to records; which loops, and from when on."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from os import PathLike
 
@@ -13,7 +10,7 @@ import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
-from ..record import Note, Record
+from ..record import Frozen, Note, Record
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT, utc_text
@@ -27,8 +24,7 @@ Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 FEW = 3  # loops of the loops file without data that are named one by one
 
 
-@dataclass(frozen=True)
-class Plant:
+class Plant(Frozen):
     """All loops of exports. records: one per loop, by name. warnings: about the plant as a whole. failures: loops and
     files that could not be read; `values` of each has "loop" or "file". inputs: as given."""
 
@@ -75,8 +71,7 @@ def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
     return Plant(tuple(records), opened.warnings, (*opened.failures, *lost), opened.inputs)
 
 
-@dataclass(frozen=True, eq=False)
-class OpenPlant(Mapping[str, Record]):
+class OpenPlant(Frozen, Mapping[str, Record], eq=False):
     """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files that cannot
     be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
 

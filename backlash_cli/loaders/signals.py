@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from itertools import chain
 from typing import IO, Any
 from weakref import finalize
 
@@ -19,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import BacklashError, LoopError
-from ..record import FloatArray, IntArray, Note
+from ..record import FloatArray, Frozen, IntArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
@@ -138,11 +137,6 @@ class Store:
 
     stamps = read  # [microseconds since 1970 UTC], NAT where unreadable
 
-    def whole(self) -> Piece:
-        """Return all rows as one piece."""
-        count = int(self.rows().sum())
-        return {name: self.read(name, 0, count) for name in dict.fromkeys(chain.from_iterable(self.pieces))}
-
     def emptied(self) -> Iterator[Piece]:
         """Yield the pieces, which are gone from here then."""
         while self.pieces:
@@ -157,8 +151,7 @@ class Store:
         return self.__dict__
 
 
-@dataclass(frozen=True, eq=False)
-class Axis:
+class Axis(Frozen, eq=False):
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
     which: of the rows, or of those of a group. where: file. first_line: line of row 0."""
 
@@ -221,8 +214,7 @@ class Axis:
         return replace(self, rows=store, which=range(len(self)), group=0)
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+class Series(Frozen, eq=False):
     """One signal of one file. tag: its name as written. loop, role, signal: its parts. column: of the file.
     stamps: its set of rows in the layout. quality: name of the column `marked`, which says what is good. axis: rows."""
 
@@ -267,8 +259,7 @@ class LoopSeries:
         return replace(self, roles=roles, extra=extra)
 
 
-@dataclass(frozen=True, eq=False)
-class Signal:
+class Signal(Frozen, eq=False):
     """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) something stood there that is no
     good measurement. faults: what stood there, counted, by what is wrong and by tag."""
 

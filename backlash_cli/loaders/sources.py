@@ -8,7 +8,7 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cache, cached_property, reduce
 from operator import truediv
 from os import PathLike
@@ -19,6 +19,7 @@ from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
 
 from ..errors import BacklashError, InputError, MetadataError, nearest
+from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, WORDS, explained, plain, some
 
@@ -151,8 +152,7 @@ class Remote(str):
                                          known=known), where=self) from None
 
 
-@dataclass(frozen=True)
-class Source:
+class Source(Frozen):
     """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
     files in its folder, None where they were not listed."""
 

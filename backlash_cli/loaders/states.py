@@ -1,7 +1,5 @@
 """Which samples count: qualities, modes; frozen, saturated, implausible, missing and filled samples."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 
@@ -119,6 +117,8 @@ def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, l
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
+    if not flags.any():
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges[0::2], edges[1::2]
 
@@ -150,11 +150,6 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
         found[start:end] = True
     return found
-
-
-def implausible(measurement: FloatArray) -> NDArray[np.bool_]:
-    """(samples,) True where a normalised measurement lies more than BEYOND spans outside its range."""
-    return (measurement < -BEYOND) | (measurement > 1.0 + BEYOND)
 
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:
@@ -228,8 +223,8 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
     sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
     normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
-    wild = implausible(pv)
-    y, filled = short_holes(np.where(wild, np.nan, pv), index, bridge)
+    wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
+    y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
     missing = ~np.isfinite(y)
     marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),

@@ -1,7 +1,5 @@
 """Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
-from __future__ import annotations
-
 import contextlib
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -25,11 +23,11 @@ from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
 from .opening import Text, head_of, kind_of, members, sheets
 from .options import ReadOptions
-from .signals import ENDLESS, Axis, Piece, Room, Series, Store
+from .signals import Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
-TOGETHER = 16 << 20  # bytes of samples that go to the scratch file as one piece, so that there are few to read
+TOGETHER = 16 << 20  # bytes of samples of text that are one piece, so that there are few to look at and to read again
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -61,6 +59,7 @@ class TextTable:
         # rows are numbered where one thread reads them
         first_bad, self._bad = self._bad[0][0] if self._bad else None, []
         del self.text.head[: self.head.offset]
+        tables: list[pa.Table] = []
         for block in chain([self.text.head], self.text.rest):
             if block.isspace():
                 continue
@@ -70,7 +69,11 @@ class TextTable:
             except pa.ArrowInvalid:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
-            yield {i: table.column(f"c{i}") for i in types}
+            if tables and (table.schema != tables[0].schema or sum(one.nbytes for one in tables) > TOGETHER):
+                yield _columns(tables)
+                tables = []
+            tables.append(table)
+        yield _columns(tables)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, expected, found = self._bad[0]
@@ -87,7 +90,8 @@ class TextTable:
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads and pa.cpu_count() > 1, block_size=1 << 20)
+        threads = threads and pa.cpu_count() > 1
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << (19 if threads else 21))
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(
@@ -95,6 +99,11 @@ class TextTable:
             strings_can_be_null=True, auto_dict_encode=True, auto_dict_max_cardinality=4096, true_values=["\x00"],
             false_values=["\x00"], **chosen)
         return pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
+
+
+def _columns(tables: list[pa.Table]) -> Batch:
+    whole = pa.concat_tables(tables)
+    return {int(name[1:]): column for name, column in zip(whole.column_names, whole.columns, strict=True)}
 
 
 @lru_cache(16)
@@ -221,7 +230,6 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    together = Store(Room(ENDLESS))
     for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
@@ -232,11 +240,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                 blank.remove(i)
         if layout.naming:
             piece["group"] = _numbered(batch, layout.naming, head, tags)
-        (raw if room.left > TOGETHER else together).add(piece)
-        if ENDLESS - together.room.left > TOGETHER:
-            raw.add(together.whole())
-            together = Store(Room(ENDLESS))
-    raw.add(together.whole())
+        raw.add(piece)
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})

@@ -1,8 +1,6 @@
 """Stamps of every usual kind to microseconds since 1970-01-01 UTC, block by block. Which of day and month comes first
 is known at the end: until then an open date is packed from its numbers and its time of day."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from zoneinfo import ZoneInfo
@@ -364,5 +362,6 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     """Return dates, stamps or times of day as microseconds, NAT where they are empty or too far off."""
     kind = column.type
     usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
-    micros = to_array(pc.fill_null(column.cast(usual, safe=False).cast(pa.int64()), NAT))
+    micros = column.cast(usual, safe=False).cast(pa.int64())
+    micros = to_array(pc.fill_null(micros, NAT) if micros.null_count else micros)
     return np.where(np.abs(micros) < LIMIT, micros, NAT)

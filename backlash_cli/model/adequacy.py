@@ -5,16 +5,13 @@ dead time and no load can make are whitened as the fit is, freed of what the mod
 answer to OP can explain, and compared with the whitened rest. Noise alone gives chi-squared of one per column.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..effects.process import delayed_lag
 from ..kernels import play
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .fit import Fit, Solver, free_numbers, slopes
 from .pipeline import into_process
 from .problem import Problem
@@ -28,8 +25,7 @@ LAGS_TRIED = (0.3, 0.6, 1.7, 3.0)
 WIDTHS = (0.03, 0.1)
 
 
-@dataclass(frozen=True)
-class Left:
+class Left(Frozen):
     """What a model leaves.
 
     goes_with: what it goes with, most telling first. score: of the most telling, in units of deviance, 0 when it goes

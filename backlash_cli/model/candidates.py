@@ -5,10 +5,8 @@ of one more column. For a step at every possible sample this takes one backward 
 <whitened step at k, z> = sum over j >= k of (transposed z)_j.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
@@ -17,7 +15,7 @@ import numpy as np
 from ..effects import Effect, Stage
 from ..effects.fitting import Clues, Values
 from ..effects.process import delayed_lag, lag_transposed
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
 from .pipeline import Part, Shape, as_tuple, moved_output, predict
 from .problem import Problem, trust
@@ -47,8 +45,7 @@ def jumpy(effect: Effect) -> bool:
     return effect.fitting.search == "jumpy"
 
 
-@dataclass(frozen=True)
-class Judge:
+class Judge(Frozen):
     """Scores fits of the loop `problem`, whose process has about the time constant `lag` [s].
 
     A random load that may wander without limit explains a drift or a step as well as the real cause does, but does not
@@ -226,14 +223,14 @@ def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Sha
     lags = [shape.lag]
     if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
         lags = [shape.lag * share for share in LAG_SHARES]
-    trials = [replace(shape, lag=lag).with_part(part) for lag in lags for part in parts]
-    costs = [solver.rss(trial) for trial in trials]
+    trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
+    costs = [cost for of_lag in trials for cost in solver.costs(of_lag)]
     found: dict[object, list[Shape]] = {}
     for place in np.argsort(costs, kind="stable").tolist():
         part = parts[place % len(parts)]
         picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
         kind = part.column, picks, tuple((k, np.size(v)) for k, v in part.values.items())
-        found.setdefault(kind, []).append(trials[place])
+        found.setdefault(kind, []).append(trials[place // len(parts)][place % len(parts)])
     return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 

@@ -1,7 +1,5 @@
 """Compares a model with the measurements of a loop: how far off, how far at best, and where."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

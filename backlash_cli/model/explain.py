@@ -1,7 +1,5 @@
 """Finds the physical effects that a loop's model lacks, adds them one by one, and says how far the error falls."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

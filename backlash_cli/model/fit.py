@@ -1,14 +1,12 @@
 """Fits a shape to one loop: linear numbers by generalised least squares, the others by slopes, noise by likelihood."""
 
-from __future__ import annotations
-
 import cmath
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ..effects.process import DEAD_TIME
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .noise import Noise, downhill, fit_noise, known_load, whitener
 from .pipeline import Shape, as_tuple, load_regressors, moved_process, predict, regressors, sensed_slopes, through
 from .problem import Problem
@@ -17,8 +15,7 @@ USUAL_SPAN = 0.5  # a load moves PV by less than this [span]
 DELAY_TRUST = 0.2  # the dead time of the settings is trusted to this share: a real one that is missing must lie outside
 
 
-@dataclass(frozen=True)
-class Free:
+class Free(Frozen):
     """One searched number: a parameter of the part at `place`; -1 is the process."""
 
     place: int
@@ -74,11 +71,11 @@ def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
 
 
 CLOSE = 0.05  # gain in deviance below which the searched numbers stand
+AT_ONCE = 16  # starts whitened together: each then costs a fifth
 BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4  # steps to the linear numbers behind a bent transmitter
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Frozen, eq=False):
     """A fitted model of one loop. coefficients: gain, offset, forgotten start, and one per linear column. deviance: -2
     log likelihood. rmse: root mean square of measured minus predicted PV."""
 
@@ -157,11 +154,7 @@ class Solver:
 
     def inverse(self, B: FloatArray) -> FloatArray:
         """Return (columns, numbers) that the inner products of the shape solved last turn into B."""
-        scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
-        A = self._G * scale * scale.T
-        # a trace of damping, so that a column that does nothing gets the coefficient 0
-        A.flat[:: len(A) + 1] += 1e-10
-        return np.asarray(np.linalg.solve(A, scale * B) * scale)
+        return solved(self._G, B)
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
@@ -172,10 +165,36 @@ class Solver:
         with np.errstate(over="ignore", invalid="ignore"):
             return self.solve(shape)[1]
 
+    def costs(self, shapes: list[Shape]) -> list[float]:
+        """Return the whitened sum of squares of each shape, many at once where only the moved process differs."""
+        columns = [load_regressors(self.problem, shape) for shape in shapes]
+        if any(raw is not columns[0] or shape.sensors for raw, shape in zip(columns, shapes, strict=True)):
+            return [self.rss(shape) for shape in shapes]
+        out: list[float] = []
+        for first in range(0, len(shapes), AT_ONCE):
+            self.rss(shapes[first])
+            b, moved = self._b[1:], [moved_process(self.problem, shape) for shape in shapes[first : first + AT_ONCE]]
+            with np.errstate(all="ignore"):
+                X = self.white.columns(np.column_stack(moved))
+                B = self._others.T @ X
+                c = solved(self._G[1:, 1:], np.column_stack([b, B]))
+                new, meets = np.einsum("ij,ij->j", X, X) - np.sum(B * c[:, 1:], axis=0), self._y @ X - b @ c[:, 1:]
+                out += (self._yy - b @ c[:, 0] - meets**2 / np.maximum(new, 1e-300)).tolist()
+        return out
+
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
         c, rss, x = self.solve(shape)
         return c, rss, self._y - c[0] * x - self._others @ c[1:]
+
+
+def solved(G: FloatArray, B: FloatArray) -> FloatArray:
+    """Return (columns, numbers) that the inner products G (columns, columns) turn into B."""
+    scale = 1.0 / np.sqrt(np.maximum(G.diagonal(), 1e-300))[:, None]
+    A = G * scale * scale.T
+    # a trace of damping, so that a column that does nothing gets the coefficient 0
+    A.flat[:: len(A) + 1] += 1e-10
+    return np.asarray(np.linalg.solve(A, scale * B) * scale)
 
 
 def ridges(problem: Problem, columns: FloatArray) -> FloatArray:

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .fit import Fit, Solver, descend, finished, predicted_by, raw_error, rms
 from .noise import Noise
 from .pipeline import Part
@@ -29,8 +29,7 @@ ROUNDS = 20  # each closes a part of the distance; so many where the step is as 
 SURE = 2.2  # quantile of Student's t with 11 degrees of freedom that chance exceeds once in 40
 
 
-@dataclass(frozen=True, eq=False)
-class Tested:
+class Tested(Frozen, eq=False):
     """A fit with its errors: in the fit (rmse) and on samples it did not see (rmse_holdout; of each sample: unseen
     (samples,), nan where nothing was left out), recorder allowed for."""
 

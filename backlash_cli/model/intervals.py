@@ -1,7 +1,5 @@
 """The numbers of a fit with their 95 % intervals, from the slopes of the whitened error."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from math import hypot

@@ -1,7 +1,5 @@
 """Where a model fails: the squared error shared out over parts of the record that an engineer can look up."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 

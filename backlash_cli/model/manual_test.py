@@ -12,22 +12,21 @@ and noise of `noise.Whitener`. All is the same for d = 0, and the gain in likeli
 for those with long tails, as a load that jumps at the right moment convinces one of the two at most.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import chain, combinations_with_replacement, compress
+from dataclasses import replace
+from itertools import chain, combinations_with_replacement, compress, product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 from ..kernels import gap_crossings, play
-from ..record import FloatArray, Note
+from ..record import FloatArray, Frozen, Note
 from ..results import Confirmation
 from .noise import Noise, whitener
 
@@ -41,9 +40,9 @@ SMOOTH = (0.1, 2.0, 6.0, 20.0, 100.0)  # blocks over which its moves are smoothe
 FOREVER = 30.0  # times the test: what the load forgets
 SCOUTS, KEPT = (0.25, 0.5, 0.75), 4  # dead bands of the first round as shares of the motion; models kept of each
 FIRST = 4  # every so many of the answers tell which noises are worth trying with all
-NEARER = (1.35, 1.16, 1.08)  # then about the best of them, by these factors
+TRIALS, CLOSE, FARTHEST = 15, 1e-4, 3.0  # of a search from the best: rounds, tolerance, reach in logarithms
 STARTS = (-1.0, 0.0, 1.0)  # place of the stem at the start, in half gaps
-WIDTHS, APART, FINE = 14, 3, 7  # dead bands tried, every so many with answers of its own, and near the best
+WIDTHS, APART, FINE = 14, 4, 7  # dead bands tried, every so many with answers of its own, and near the best
 LEAST_INTERVAL = 0.15  # of d, each way: the process is never exactly one of the answers
 SURE = 1.28  # deviations: 90 %
 TURNED = 0.2  # of d: OP going back by more begins a new event
@@ -53,8 +52,7 @@ NO_ANSWER = 0.1  # gain of the loop, that of the controller included: no process
 LONG_ENOUGH = 2.0  # integral times of a test after which any would have answered
 
 
-@dataclass(frozen=True)
-class Answer:
+class Answer(Frozen):
     """How PV follows the stem: lag, second lag, dead time [s]; integrating: the lag is that of its rate."""
 
     lag: float
@@ -75,17 +73,8 @@ class Answer:
         x += rest
         return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
 
-    def near(self, factor: float, interval: float) -> list[Answer]:
-        """This answer and those about it, by a factor in the lag and as much in what else there is."""
-        share, steps = self.second / self.lag, (factor - 1.0) * np.array([-1.0, 0.0, 1.0])
-        seconds = [0.0] if self.integrating else np.unique(np.clip(share + steps, 0.0, 1.0)).tolist()
-        delays = np.unique(np.maximum(self.delay + steps * max(self.lag, interval), 0.0)).tolist()
-        return [Answer(self.lag * f, b * self.lag * f, c, self.integrating)
-                for f in (1.0 / factor, 1.0, factor) for b in seconds for c in delays]
 
-
-@dataclass(frozen=True)
-class _Blocks:
+class _Blocks(Frozen):
     """Recordings in block means: outputs (samples,) less their mean; measurement, used (blocks,) of each."""
 
     outputs: tuple[FloatArray, ...]
@@ -179,7 +168,9 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
         return silent
     widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
     # answers about the best one of many dead bands: what only fits none better, for want of trying, tells nothing
-    models = list(dict.fromkeys(chain(models, *(_refined(data, d, models, K) for d in (0.0, *widths[::APART])))))
+    for d, kind in product((0.0, *widths[::APART]), (False, True)):
+        if (alike := [model for model in models if model[1].integrating is kind]):
+            models.append(_refined(data, d, alike, K))
     rough = _fitted(data, [0.0, *widths], models, K, rounds=0).normal
     models = list(compress(models, (rough > rough.max(0) - FAR).any(1)))
     none = _fitted(data, [0.0], models, None)
@@ -211,18 +202,29 @@ def _answers(longest: float, interval: float) -> list[Answer]:
 
 
 def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
-             ) -> list[tuple[Noise, Answer]]:
-    """Models about the best one for a dead band, ever nearer."""
+             ) -> tuple[Noise, Answer]:
+    """The most likely model for a dead band, searched from the best one of some."""
     fits = _fitted(data, [d], models, K, rounds=0)
     k, start = np.unravel_index(fits.normal.argmax(), fits.normal.shape)
-    stems, found = [data.stems(d, STARTS[start] if d else 0.0)], [models[int(k)]]
-    for factor in NEARER:
-        noise, answer = found[0]
-        answers = answer.near(factor, data.interval)
-        noise, answer = _most_likely(data, stems, [noise], answers)[0][0]
-        noises = [Noise(noise.ratio * f, noise.slow, noise.fast) for f in (factor**-2.0, 1.0, factor**2)]
-        found = _most_likely(data, stems, noises, [answer])[0]
-    return found
+    stems, (noise, answer) = [data.stems(d, STARTS[start] if d else 0.0)], models[int(k)]
+    unit = max(answer.lag, data.interval)
+
+    def model(p: FloatArray) -> tuple[Noise, Answer]:
+        lag, second, delay, ratio, fast = (float(x) for x in (np.exp(p[0]) * answer.lag, p[1], p[2], *np.exp(p[3:])))
+        return (replace(noise, ratio=noise.ratio * ratio, fast=noise.fast * fast),
+                Answer(lag, second * lag * (not answer.integrating), delay * unit, answer.integrating))
+
+    def errors(p: FloatArray) -> FloatArray:
+        """What a model leaves (rows,), scaled so that the likelihood is greatest where its squares are least."""
+        noise, answer = model(p)
+        y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
+        X = X[..., 0]
+        scaled: FloatArray = (y - X @ np.linalg.lstsq(X, y)[0]) / np.exp(np.log(weights).mean())
+        return scaled
+
+    first = np.array([0.0, answer.second / answer.lag, answer.delay / unit, 0.0, 0.0])
+    ends = (np.minimum([-FARTHEST, 0.0, 0.0, -FARTHEST, -FARTHEST], first), np.maximum(FARTHEST, first))
+    return model(least_squares(errors, first, bounds=ends, max_nfev=TRIALS, ftol=CLOSE).x)
 
 
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],

@@ -5,17 +5,13 @@ The Kalman filter of this model whitens the error exactly, with missing samples,
 prediction error holds in closed loop too (Ljung, System Identification, chapter 4; Harvey 1989, chapter 3).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from .. import kernels
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 
 SLOWEST = 0.1  # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 CLOSE_ENOUGH = 0.02  # deviances closer than this tell nothing about the noise
@@ -25,8 +21,7 @@ LESS, MORE, TRIES = 0.2, 8.0, 4  # damping after a step that was better, or not;
 Local = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True)
-class Noise:
+class Noise(Frozen):
     """Random load with standard deviation `ratio` times that of the white noise, and its two time constants [s]."""
 
     ratio: float
@@ -43,8 +38,7 @@ class Noise:
         return a1, a2, scale, p12 * scale, p22 * scale
 
 
-@dataclass(frozen=True)
-class Whitener:
+class Whitener(Frozen):
     """Kalman gains of one Noise on one record: gain (samples, 2), weight (samples,) = 1/sqrt(innovation variance), 0
     where a sample does not count. log_det: sum of the logarithms of the innovation variances."""
 
@@ -143,8 +137,9 @@ def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Nois
     a1, a2, b = white.a1, white.a2, 1.0 - white.a2
     innovation = white.one(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
     to_w, to_l = (white.gain * innovation[:, None]).T
-    w = lfilter([0.0, a1], [1.0, -a1], to_w)
-    lagged = lfilter([0.0, 1.0], [1.0, -a2], a2 * to_l + b * (w + to_w))
+    # both start from nothing, which is what a lag at rest at the 0 put before comes to
+    w = kernels.lag(np.append(0.0, to_w), a1, 0.0, a1, 0)[1:]
+    lagged = kernels.lag(np.append(0.0, a2 * to_l + b * (w + to_w)), a2, 0.0, 1.0, 0)[1:]
     # so many samples later the lagged load is l a2^more + w b (a1^(more-1) + a1^(more-2) a2 + ... + a2^(more-1))
     more, powers = ahead - 1, np.arange(ahead - 1)
     later = a2**more * lagged + b * float(np.sum(a1**powers * a2 ** powers[::-1])) * w

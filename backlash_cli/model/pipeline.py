@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.fitting import Values
 from ..effects.process import delayed_lag, forgotten, late
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 from .problem import Problem
 
 STAGES, NAMES = list(Stage), [effect.name for effect in EFFECTS]
 SMALL_MOVE = 1e-4  # move of PV [span] by which the slopes of a transmitter are taken
+MOST_KEPT = 16  # columns of shapes, which neighbouring trials of a fit share
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(Frozen):
     """One effect in a model, with the values of its parameters and, where it needs one, its measured column."""
 
     effect: Effect
@@ -36,8 +38,7 @@ class Part:
         return self.effect.fitting.bounds is not None
 
 
-@dataclass(frozen=True)
-class Shape:
+class Shape(Frozen):
     """The part of a model that is searched: time constant and dead time [s] of the process, and its effects."""
 
     lag: float
@@ -82,7 +83,9 @@ def in_order(parts: Sequence[Part]) -> tuple[Part, ...]:
 
 def moved_output(problem: Problem, parts: Sequence[Part]) -> FloatArray:
     """Return the output (samples,) after all effects between the controller and the process that are not linear."""
-    return through(problem, acting(parts, Stage.COMMAND, Stage.VALVE, Stage.PROCESS), problem.output)
+    acts = acting(parts, Stage.COMMAND, Stage.VALVE, Stage.PROCESS)
+    out: FloatArray = kept(problem, ("OP", *map(made_of, acts)), lambda: through(problem, acts, problem.output))
+    return out
 
 
 def through(problem: Problem, parts: Sequence[Part], signal: FloatArray) -> FloatArray:
@@ -149,17 +152,33 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     lags = [part for part in shape.parts if part.effect.fitting.on_loads]
     loads = [part for part in shape.parts if part.is_linear]
     h, n, tau = problem.interval, problem.samples, shape.lag
-    key = (tau, *((p.effect.name, p.column, *p.values.items()) for p in (*lags, *loads)))
-    if key not in problem.others:
+
+    def columns() -> FloatArray:
         # what a further lag has to forget is a push of about one time constant at the start
         kick = np.zeros(n)
         kick[1 : 1 + max(int(tau / h), 1)] = 1.0
-        pushes = [through(problem, lags, column) for part in loads for column in load_columns(problem, part)]
+        pushes = [through(problem, lags, column) for part in loads for column in kept(
+            problem, made_of(part), partial(load_columns, problem, part))]
         pushes += [through(problem, [lag], kick) for lag in lags]
-        problem.others.clear()
-        problem.others[key] = np.column_stack([np.ones(n), forgotten(n, h, tau),
-                                               *(delayed_lag(push, h, tau, 0.0) for push in pushes)])
-    return problem.others[key]
+        return np.column_stack([np.ones(n), forgotten(n, h, tau), *(delayed_lag(push, h, tau, 0.0) for push in pushes)])
+
+    out: FloatArray = kept(problem, (tau, *map(made_of, (*lags, *loads))), columns)
+    return out
+
+
+def made_of(part: Part) -> tuple[object, ...]:
+    """Return all that the columns of a part depend on."""
+    return part.effect.name, part.column, *part.values.items()
+
+
+def kept(problem: Problem, key: object, make: Callable[[], Any]) -> Any:
+    """Return what was made of `key` a short while ago, else make it."""
+    others = problem.others
+    if key not in others:
+        while len(others) >= MOST_KEPT:
+            del others[next(iter(others))]
+        others[key] = make()
+    return others[key]
 
 
 def regressors(problem: Problem, shape: Shape) -> FloatArray:

@@ -10,7 +10,8 @@ Whether the valve got OP as the historian rounded it or as it was before is not 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
-from ..record import FloatArray, LoopSettings, Record, SampleState
+from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 SHORT, FORGOTTEN = 0.25, 4.0  # integral times: holes of OP that do no harm, and after which one is forgotten
@@ -30,8 +31,7 @@ FEWEST_MOVES = 50  # fewer moves than this tell nothing about a step
 JUMP = 1.5  # moves of this many steps at once are jumps of OP, no crossings
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Frozen, eq=False):
     """Uniform grid of one loop: all arrays (samples,), normalised, without nan.
 
     output: OP, straight lines over holes. measurement: PV, 0 where `used` is False. recorded: PV with nan in holes.
@@ -40,7 +40,7 @@ class Problem:
     measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
     matters. seed: of random trials of a search. start: epoch seconds of the first sample. others: columns of the last
-    shape beside the moved process, by what they were made of; most trials of a fit leave them as they are.
+    shapes, and OP as their valves moved it, by what they were made of; most trials of a fit leave them as they are.
     """
 
     loop: str
@@ -60,7 +60,7 @@ class Problem:
     output_step: float = 0.0
     seed: int = 0
     start: float = 0.0
-    others: dict[object, FloatArray] = field(default_factory=dict, repr=False)
+    others: dict[object, Any] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> int:
@@ -148,7 +148,7 @@ def readings(problem: Problem) -> list[Problem]:
     """Return the problem, and with OP as it may have been before it was rounded, where it was rounded coarsely."""
     if not problem.output_step:
         return [problem]
-    return [problem, replace(problem, output=between_steps(problem.output, problem.output_step))]
+    return [problem, replace(problem, output=between_steps(problem.output, problem.output_step), others={})]
 
 
 def usual_output(problem: Problem) -> tuple[float, float] | None:

@@ -4,8 +4,6 @@ Each possible reason why a kept model does not hold on another record (another o
 effect that is gone) is tried by itself on that record and told only where the error falls with it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A fitted shape as a model that can be kept in a file of TOML text, changed by hand and used again tomorrow."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable, Mapping, Sequence

@@ -1,13 +1,12 @@
 """Searches for the effects that are missing: add the best, look again at what is there, take out what is not needed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 import numpy as np
 
 from ..effects import Effect, Stage
+from ..record import Frozen
 from .adequacy import Left, left_by
 from .candidates import ENOUGH, Judge, candidate, jumpy, table, wander
 from .fit import Fit, Solver, descend, finished, fit, refit_noise
@@ -33,8 +32,7 @@ LOOK_AROUND = 150  # random trials of an effect with many valleys after another 
 NOTHING = 0.05  # of the noise of PV: an effect that moves PV by less does nothing
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
+class Found(Frozen, eq=False):
     """What a search came to. baseline: without effects. first: the best fit with each single effect added.
 
     final: with all accepted effects. without: the fit without each accepted effect, by name. instead: for each
@@ -158,8 +156,9 @@ def in_place(found: Found, effects: Sequence[Effect]) -> dict[tuple[str, str], F
         if name not in found.without:
             continue
         if alone:
-            # each of them was tried alone already
-            instead.update({(name, other): fit for other, fit in found.first.items() if other != name})
+            # each of them was tried alone already; what a seldom effect is a case of starts again from its numbers
+            again = part.effect.fitting.siblings if part.effect.fitting.seldom else ()
+            instead.update({(name, other): fit for other, fit in found.first.items() if other not in (name, *again)})
         else:
             near.add(name)
         if found.gain(name) < WEAK and part.effect.stage != Stage.LOAD:

@@ -5,17 +5,15 @@ them. A candidate is played on both, what the historian would keep of it goes be
 scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..errors import LoopError
-from ..estimator.criteria import CLEARED
+from ..estimator.criteria import CALLED_TESTED, CLEARED, by_hand
 from ..estimator.quality import data_quality
-from ..record import Record
+from ..record import Frozen, Record
 from ..results import UNDECIDED, LoopReport, Verdict
 from ..results.advice import ENOUGH, Course, LoopPlan, PlanOption
 from ..scanning import scan
@@ -24,28 +22,28 @@ from .words import logging_words, model_words, option_words
 
 TARGET = 0.02  # span: dead band that matters, where the record has no limit of detection
 LOOKS = ((2, 0.5), (6, 0.5), (20, 0.7))  # repeats of a rung, and what its chance must be for more of them
-SURE = 0.9  # chance from which on no longer test is tried: twins are like their loops, not the same
+MARGIN = 2.0  # times the evidence that a scan asks of a test: twins are like their loops, not the same
+SURE = 0.9  # chance from which on no longer test is tried
 TOLD = 1.1  # limits of detection are told in steps, 2.03 % is one of them
 LONGER = (1.0, 3.0, 9.0)  # waits, in lengths of the record
 LONGEST_WAIT, LEAST_WAIT = 14 * 86400.0, 20.0  # seconds; integral times
-LEAST_TEST, LONGEST_TEST = 900.0, 8 * 3600.0  # seconds in manual: what setting it up takes anyway; a shift
+LEAST_TEST, LONGEST_TEST = 1800.0, 8 * 3600.0  # seconds in manual: what setting it up takes anyway; a shift
 MOST_SAMPLES = 150_000  # of a simulated wait
 HOLD = 10.0  # integral times that a setpoint is held
 TURNS = (2, 4)  # times up and down, where once is not enough
 AROUND = 5.0  # integral times of ordinary operation before and after a test
 # OP in manual goes up and down in steps of the target's size, of which the first one back does nothing and the second
 # all, then in larger ones: they shrink the delay of play, not that of a process; more rounds average the load
-LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 4, 8, 16)
-HOLDS, FEWEST_HELD = (1.0, 2.5), 10.0  # integral times beyond the dead time that a step is held; samples, at least
+LARGER, ALIKE, ROUNDS = 2.5, 1.2, (2, 5, 12, 30)
+HOLDS, FEWEST_HELD = (1.5, 3.0), 20.0  # integral times beyond the dead time that a step is held; samples, at least
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
-OVERSHOOT = 1.3  # of PV beyond a step of the setpoint, that limits must allow for
+OVERSHOOT = 1.3  # of PV beyond what is expected of it, that limits must allow for
 FEW = 20  # repeats that tell how far a test moves PV
 POINTS = 400  # of a drawn course
 
 
-@dataclass(frozen=True)
-class PlanOptions:
+class PlanOptions(Frozen):
     """target: dead band that matters [span], None: the record's limit of detection, else 2 %. max_pv_move,
     max_op_move: how far a test may move PV and OP from where they stand. repeats: of each candidate with a
     worn and with a healthy valve. kinds: of tests that are weighed."""
@@ -108,7 +106,8 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
         subject = Subject(record, worn, healthy, options, target, report.verdict)
     except LoopError as error:
         return found if logging else replace(found, options=(PlanOption("logging", f"{error.what}: {error.remedy}"),))
-    tried = sorted(subject.tried(), key=lambda option: (not option.decides, not option.within_limits))
+    tried = sorted(subject.tried(), key=lambda o: (not o.decides, not o.within_limits) if o.decides else (
+        True, -min(o.power or 0.0, o.clears or 0.0)))
     return replace(found, model=model_words(subject.healthy), options=(*logging, *tried))
 
 
@@ -162,8 +161,9 @@ class Subject:
         rungs: list[Test] = []
         for k in HOLDS:
             # of lags a record in automatic tells less than the tuning: a controller's Ti is made for them
-            hold = max(w.process.dead_time + k * w.controller.Ti, FEWEST_HELD * self.record.interval)
-            allowed = min(op_most, pv_most / w.settled(hold)) / self.target
+            hold = max(min(w.process.dead_time + k * w.controller.Ti, LONGEST_TEST / (2 * len(once) * ROUNDS[0])),
+                       FEWEST_HELD * self.record.interval)
+            allowed = min(op_most, pv_most / (OVERSHOOT * w.settled(hold))) / self.target
             for larger in {float(np.clip(allowed, 1.0, LARGER)), LARGER}:
                 both = [once, larger * once] if larger > ALIKE else [once]
                 levels = tuple(np.concatenate(both).tolist())
@@ -178,8 +178,8 @@ class Subject:
         return [test for test in rungs if test.duration <= LONGEST_TEST] or rungs[:1]
 
     def _least(self, rungs: list[Test]) -> PlanOption:
-        """Return the first rung that decides surely; else of those that decide the one least beyond the limits; else
-        the most promising one."""
+        """Return the first rung that decides surely; else the most promising one: of several one within the limits, and
+        the longest, as few repeats hardly tell their chances apart."""
         looks = [Played(test) for test in rungs]
         if rungs[-1].kind != "manual_test":  # where more of the same has no hope, less has none
             self._repeat(looks[-1], LOOKS[0][0])
@@ -193,7 +193,9 @@ class Subject:
             else:
                 if (option := self._option(played)).decides:
                     return option
-        return self._option(max(reversed(looks), key=lambda p: (min(p.chance, ENOUGH), -self._excess(p), p.chance)))
+        best = max(looks, key=lambda p: (min(p.chance, ENOUGH), self._excess(p) == 1.0, p.test.duration))
+        self._repeat(best, min(LOOKS[1][0], self.options.repeats))
+        return self._option(best)
 
     def _excess(self, played: Played) -> float:
         """How far a test goes beyond the limits: 1 for within."""
@@ -214,9 +216,12 @@ class Subject:
                     said[Verdict.ERROR] += 1
                     continue
                 report = scan(later if alone else behind(self.record, later))
-                verdict = report.verdict
+                verdict, c = report.verdict, report.confirmation
                 if verdict is Verdict.NO_BACKLASH and (excluded(report) or 0.0) > TOLD * self.target:
                     verdict = Verdict.CANNOT_TELL  # cleared, but of a larger dead band than the one that matters
+                if (verdict is Verdict.BACKLASH and twin is self.worn and c and by_hand(c)
+                        and float(c.details["evidence"]) < MARGIN * CALLED_TESTED):
+                    verdict = Verdict.SUSPECTED
                 said[verdict] += 1
                 if test.move and len(played.moves) < FEW:
                     run, still = (twin.play(one, seed, around=around)[1]

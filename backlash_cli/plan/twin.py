@@ -5,11 +5,9 @@ record's own PV; it is played again in blocks drawn at random, so that loads tha
 are. No model of a load is needed.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +18,9 @@ from ..effects.shape import Stage
 from ..errors import LoopError
 from ..estimator.predictor import recording_of
 from ..kernels import play
-from ..record import FloatArray, Record
+from ..record import FloatArray, Frozen, Record
 from ..simulator import Applied, Controller, Manual, Process, Recorder, Scenario, Signal, Trace, export, trace, use
-from ..simulator.compensation import model_of
+from ..simulator.compensation import LEAST_MARGIN, gain_margin, model_of
 
 HOLE = 20  # samples; a longer one ends the stretch that is played again
 LONGEST = 200_000  # samples of it, the last ones
@@ -31,13 +29,16 @@ BLOCKS = 5  # at least so many make up the stretch
 FINEST = 15.0  # inner steps in an integral time
 SEEN = 5.0  # integral times: the slowest lag a record in automatic tells; of slower ones only gain over lag is known
 SPREAD, ASSUMED_SPREAD = 0.3, 0.4  # of gain, lag and dead time from repeat to repeat, as natural logarithms
+SEVERAL = (4.0, 1.0, 1.0)  # weights of the lags that share the sum of those fitted, in a draw of Dirichlet's law
 SETTLE = 12.0  # integral times that the simulated loop has before the record of it begins
 TRIES = 5  # to draw a process that this controller can hold
-DEAD_TIME, CLOSED = 0.2, 0.8  # of an assumed process, in integral times: dead time, and closed-loop time constant
+# An assumed process has gain 1, as spans are chosen, and is tuned as Skogestad (J. Process Control 13, 2003) says:
+# K = lag / (gain (closed + dead time)), Ti = min(lag, 4 (closed + dead time)); a level is one with a lag far beyond Ti
+INTEGRAL, DEAD_TIME = 4.0, 0.2  # that 4, and the dead time as a share of closed-loop time constant and dead time
+UNLIKE = 3.0  # times more or less than that answers no process in one integral time, whatever a fit says
 
 
-@dataclass(frozen=True)
-class Move:
+class Move(Frozen):
     """A limit on a move: a share of the span, or in units of the loop."""
 
     size: float
@@ -52,8 +53,7 @@ KINDS = ("wait", "setpoint_steps", "manual_test")  # the least trouble first
 TENTH = Move(0.1)
 
 
-@dataclass(frozen=True)
-class Test:
+class Test(Frozen):
     """kind: wait, setpoint_steps or manual_test. levels: of SP or OP one after the other, in moves [span], each held
     for hold [s]. A wait has one level of no move."""
 
@@ -74,8 +74,7 @@ class Test:
         return np.where(within, self.move * np.array(self.levels)[at.clip(0, len(self.levels) - 1)], 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class Twin:
+class Twin(Frozen, eq=False):
     """What a loop is made of. d: dead band [span]. level, output: where PV and OP stood in the mean. upset: (samples,)
     what moves PV besides OP, setpoint: (samples,) less its level. spread: how well the process is known.
     rounding: steps to which the historian rounds PV and OP, 0 for not at all: samples that do not lie on the steps of
@@ -101,9 +100,7 @@ class Twin:
 
     def settled(self, hold: float) -> float:
         """How far PV moves for a move of OP held so long [PV span per OP span]."""
-        gain, p = abs(self.process.gain), self.process
-        acts = max(hold - p.dead_time, 0.0)
-        return gain * (acts if p.integrating else 1.0 - float(np.exp(-acts / max(sum(p.lags), 1e-9))))
+        return answer(self.process, hold - self.process.dead_time)
 
     def play(self, test: Test, seed: int, *, around: float = 0.0) -> tuple[Record, Trace, float]:
         """Return what the historian would keep of a test, and the whole simulation with the time [s] of its start.
@@ -124,7 +121,10 @@ class Twin:
         samples = int(np.ceil((begin + test.duration + around) / h))
         gain, lag, dead = np.exp(spread * random.standard_normal(3))
         p = self.process
-        process = replace(p, gain=p.gain * gain, lags=tuple(x * lag for x in p.lags), dead_time=p.dead_time * dead)
+        # a fit with one lag or two stands for a process of more
+        lags = sum(p.lags) * lag * random.dirichlet(SEVERAL)
+        process = replace(p, gain=p.gain * gain, lags=tuple(lags[lags > 0.0].tolist()), dead_time=p.dead_time * dead)
+        process = replace(process, gain=process.gain * min(1.0, gain_margin(c, process) / LEAST_MARGIN))
         place = random.uniform(-1.0, 1.0)
         upset, setpoint = self._again(samples, random)
         # proportional action on the error or on PV alone: nobody wrote down which, so half of the repeats have each
@@ -206,14 +206,23 @@ def _process(record: Record, controller: Controller, sizes: Sequence[float]) -> 
     for d in sizes:
         with contextlib.suppress(LoopError):
             models.append(model_of(record, controller, d, None, integrating=True)[0])
+    Ti, much = controller.Ti, abs(controller.K)
+    assumed = Process(float(np.sign(controller.K)), (Ti * max(1.0, much / INTEGRAL),),
+                      DEAD_TIME * Ti / float(np.clip(much, 1.0, INTEGRAL)))
     if not models:
-        told, Ti = record.settings.Kp if record.settings.source.get("Kp") == "metadata" else None, controller.Ti
-        gain = told or 1.0 / (controller.K * (DEAD_TIME + CLOSED))  # lambda tuning: K = lag/(gain (closed + dead time))
-        return Process(gain, (Ti,), DEAD_TIME * Ti), "assumed to suit K and Ti"
+        return assumed, "assumed to suit K and Ti"
     process = max(models, key=lambda model: model.evidence or 0.0)
-    share = 1.0 if process.integrating else min(1.0, SEEN * controller.Ti / max(sum(process.lags), 1e-9))
+    share = 1.0 if process.integrating else min(1.0, SEEN * Ti / max(sum(process.lags), 1e-9))
     # what comes later than a few integral times the controller has made up for: no record in automatic tells it
-    return replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags)), "fitted"
+    process = replace(process, gain=process.gain * share, lags=tuple(x * share for x in process.lags))
+    unlike = answer(process, Ti) / answer(assumed, Ti)
+    return replace(process, gain=process.gain * float(np.clip(unlike, 1.0 / UNLIKE, UNLIKE)) / unlike), "fitted"
+
+
+def answer(process: Process, time: float) -> float:
+    """How far PV moves so long [s] after the dead time of a step of OP [PV span per OP span]."""
+    part = time if process.integrating else 1.0 - float(np.exp(-time / max(sum(process.lags), 1e-9)))
+    return abs(process.gain) * part if time > 0.0 else 0.0
 
 
 def response(process: Process, values: FloatArray, interval: float) -> FloatArray:

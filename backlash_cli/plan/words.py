@@ -55,13 +55,10 @@ def model_words(twin: Twin) -> str:
 
 def chances(option: PlanOption, target: float) -> str:
     """The chances of an option in a sentence, and of what they are the chances."""
-    return (f"In {option.repeats} simulated repeats each, a valve with {100 * target:.2g} % dead band is called "
-            f"{_of(option.power)} and a healthy one cleared {_of(option.clears)}; a healthy one is called "
-            f"{_of(option.false_alarm)}.")
-
-
-def _of(share: float | None) -> str:
-    return f"{100 * (share or 0.0):.0f} % of the time"
+    called, cleared, wrongly = (round((share or 0.0) * option.repeats)
+                                for share in (option.power, option.clears, option.false_alarm))
+    return (f"Of {option.repeats} simulated repeats each, a valve with {100 * target:.2g} % dead band is called in "
+            f"{called}, a healthy one cleared in {cleared} and called in {wrongly}.")
 
 
 def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[float, float]) -> str:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..results.advice import CompensationStudy, Course, LoopPlan, PlanOption
+from ..results.advice import Course, LoopPlan, PlanOption
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, across, axis, figure, trace, written
 from .figures import units as in_units
 from .json_report import fields_of
@@ -15,6 +15,9 @@ from .report import Report
 from .safe import shorten
 from .tables import csv_table
 from .words import percent
+
+if TYPE_CHECKING:
+    from ..simulator.compensation import CompensationStudy
 
 ADVICE, TEST = (
     f"This is advice to a person. Nothing {word} written to the control system; whether and {what} is a decision of "

@@ -4,8 +4,6 @@ Play and stiction show in the time since OP turned, a curved or stopped valve in
 speed, loads in the time of the record, swings from outside in one frequency.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 

@@ -1,15 +1,12 @@
 """Comparison, explanation and the summary of a plant: which effect is missing where, and why not elsewhere."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import UsageError
-from ..record import Note
+from ..record import Frozen, Note
 from ..results import Comparison, Explanation, PlantExplanation
 from . import explain_figures as figures
 from . import json_report
@@ -80,8 +77,7 @@ def write_picture(found: Comparison | Explanation, path: Path) -> None:
                             (9.5, 8.5)), DPI)
 
 
-@dataclass(frozen=True)
-class Tally:
+class Tally(Frozen):
     """One effect, or several counted together: in which loops it was accepted, where it is small, and why not else."""
 
     name: str

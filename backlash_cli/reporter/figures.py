@@ -1,16 +1,13 @@
 """Interactive figures of one loop, as plain plotly dicts in engineering units: the evidence behind a verdict."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ..record import FloatArray, IntArray, Record
+from ..record import FloatArray, Frozen, IntArray, Record
 from ..results import Estimate, LoopReport
 from .safe import picture
 from .words import interval, percent, size
@@ -307,8 +304,7 @@ def ms(epoch: float) -> int:
     return round(1000 * float(epoch))
 
 
-@dataclass(frozen=True)
-class PlantRow:
+class PlantRow(Frozen):
     """A loop of the picture of a plant, sizes in output spans."""
 
     loop: str

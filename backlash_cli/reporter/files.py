@@ -1,7 +1,5 @@
 """Whole files only: written beside their destination, then moved there, so that nobody meets half a report."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import functools

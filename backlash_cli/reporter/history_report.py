@@ -1,7 +1,5 @@
 """The report of a history, for the person who plans repairs: order of repair and wear of every loop; what it holds."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -59,7 +57,8 @@ def _told(place: Place) -> dict[str, Any]:
         **{name: getattr(place, name) for name in ("rank", "action", "confidence", "ratio_to_limit")},
         "slope_per_day": _slope(now), "level": now and {"value": now.level, "ci95": now.level_ci95},
         "limit": wear.limit.value, "limit_class": wear.limit.name, "limit_source": wear.limit.source,
-        "limit_date": date and {"value": date[0], "ci95": date[1:]}, "model": wear.model or None,
+        "limit_date": date and {"value": date[0], "ci95": date[1:]},
+        "limit_earliest": wear.earliest and day(wear.earliest), "model": wear.model or None,
         "held_out": wear.held_out,
         "repairs": [{"date": day(r.time), **fields_of(r, "loop")} for r in wear.repairs],
         "segments": [{"start": day(s.first), "end": day(s.last), "nights": s.nights,

@@ -1,7 +1,5 @@
 """Results as plain values, and as strict JSON with the fields of the contract; no NaN, no Infinity."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence, Set

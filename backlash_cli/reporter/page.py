@@ -4,8 +4,6 @@ What a page says stands in templates/NAME.html. All text is escaped by the templ
 fingerprint only, so markup in a tag name can neither show nor run.
 """
 
-from __future__ import annotations
-
 import base64
 import contextlib
 import gzip

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..results.paper import PaperFigure, PaperRow
 from .figures import GREEN, QUIET, Figure, axis, digits, trace, written
 from .json_report import fields_of
 from .report import Report
+
+if TYPE_CHECKING:
+    from ..simulator.paper import PaperFigure, PaperRow
 
 COLOURS = ("#2878c8", "#d1345b", GREEN, "#c77700", "#7a5bc7")
 GAP = 0.1  # of the height, between panels

@@ -1,7 +1,5 @@
 """Writes records as a historian would export them: CSV or Parquet, with settings and truth beside them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

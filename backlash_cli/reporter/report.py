@@ -1,13 +1,12 @@
 """A report of any kind: what it says stands in two templates of one name, for a terminal and for a page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..record import Frozen
 from .files import write_text
 from .json_report import header, json_text
 from .page import BACK, is_page, page, write_pages
@@ -15,8 +14,7 @@ from .safe import shorten
 from .templates import WIDTH, screen
 
 
-@dataclass(frozen=True)
-class LoopPart:
+class LoopPart(Frozen):
     """One loop of a report on many: mark and one line on it, the template of its part, and what makes its content."""
 
     name: str
@@ -26,8 +24,7 @@ class LoopPart:
     content: Callable[[], Mapping[str, Any]]
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(Frozen):
     """What a command has to tell, as text, page and JSON; only the form that is asked for is worked out."""
 
     name: str  # of its templates, NAME.txt and NAME.html

@@ -4,8 +4,6 @@ A tag name is data: it may hold escape sequences, formulas, markup or `../`. Eve
 one of these functions (pages escape by themselves).
 """
 
-from __future__ import annotations
-
 import hashlib
 import html
 import re

@@ -1,7 +1,5 @@
 """The report of a scan in the form that was asked for: text, JSON, CSV, Parquet, pages for a browser, pictures."""
 
-from __future__ import annotations
-
 import operator
 import re
 from collections import Counter

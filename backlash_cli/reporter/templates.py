@@ -4,8 +4,6 @@ A line of templates/NAME.txt is a paragraph, wrapped and indented as it begins, 
 front of a line or of a cell colours it; `table` makes a table of its lines, cells parted by |.
 """
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """How verdicts, sizes, times, errors and effects are said to a person, the same on a terminal and on a page."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,24 +1,13 @@
-"""Advice to a person: what would decide a loop that a scan left undecided, and what compensation would do to a loop.
+"""Advice to a person: what would decide a loop that a scan left undecided; signals normalised, times in seconds."""
 
-Signals are normalised, dead bands and gains of the compensator in spans of the output, times in seconds.
-"""
+from dataclasses import field
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-from ..record import Note
-
-if TYPE_CHECKING:
-    from ..simulator.controller import Controller
-    from ..simulator.process import Process
+from ..record import Frozen
 
 ENOUGH, WRONG = 0.8, 0.05  # chance from which on an option is said to decide; the most of wrong answers
 
 
-@dataclass(frozen=True)
-class Course:
+class Course(Frozen):
     """A stretch of a simulation, for the picture: time [s] and signals [spans], each (samples,)."""
 
     time: tuple[float, ...]
@@ -28,8 +17,7 @@ class Course:
     valve: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True)
-class PlanOption:
+class PlanOption(Frozen):
     """One thing to do, and its chance to decide; None where nothing was simulated."""
 
     kind: str  # wait, setpoint_steps, manual_test or logging
@@ -62,8 +50,7 @@ class PlanOption:
         return min(self.power or 0.0, self.clears or 0.0) >= ENOUGH and wrong <= WRONG
 
 
-@dataclass(frozen=True)
-class LoopPlan:
+class LoopPlan(Frozen):
     """The options of one loop, the least that decides first, then those that do not."""
 
     loop: str
@@ -74,50 +61,3 @@ class LoopPlan:
     model: str = ""  # what was simulated, in words
     pv_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)
     op_range: tuple[float, float] = field(default=(0.0, 1.0), repr=False)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One compensator gain and what the simulation gave."""
-
-    gain: float
-    iae: float  # mean absolute error
-    peak: float  # largest error
-    limit_cycle: bool  # goes on oscillating without noise or load
-    valve_travel_per_hour: float
-    output_travel_per_hour: float
-    reversals_per_hour: float  # of the valve
-
-
-@dataclass(frozen=True, eq=False)
-class CompensationStudy:
-    """One loop: what is known of it before a compensator is simulated, then before and after, and the advice."""
-
-    loop: str
-    controller: Controller
-    process: Process
-    d: float  # dead band
-    interval: tuple[float, float]  # its ends
-    d_source: str  # "scan" or "given"
-    density: float  # of the white measurement noise [span^2 s]
-    output_noise: float  # standard deviation of the fast motion of the output
-    hysteresis: float  # of the error's sign, simulated with every gain
-    load: float  # typical load step at the process input
-    rule_gain: float  # what the rule allows before any simulation, 0 for none
-    reason: str  # why this gain, or why none; the rule's, before any simulation
-    warnings: tuple[Note, ...] = ()
-    seed: int = 0
-    trials: tuple[Trial, ...] = ()  # by gain, the first without compensator
-    recommended: float | None = None  # gain, None when refused
-    refusals: tuple[Note, ...] = ()  # what speaks against
-    before: Course | None = None
-    after: Course | None = None  # with the recommended gain
-
-    @property
-    def base(self) -> Trial:
-        """The loop as it is, without compensator."""
-        return self.trials[0]
-
-    def trial(self, gain: float) -> Trial:
-        """Return the trial whose gain is closest."""
-        return min(self.trials, key=lambda t: abs(t.gain - gain))

@@ -7,19 +7,18 @@ are in seconds, those of day in epoch seconds.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, LoopSettings, Note
+from ..record import FloatArray, Frozen, LoopSettings, Note
 from .scan import PlantResult
 
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class FittedParameter:
+class FittedParameter(Frozen):
     """One number of a model, or several of a kind (times and sizes of load steps)."""
 
     value: float | tuple[float, ...]
@@ -30,8 +29,7 @@ class FittedParameter:
     level: bool = field(default=False, repr=False)  # a place on the scale (a stop at 20 %), not an amount (2 %)
 
 
-@dataclass(frozen=True)
-class FittedEffect:
+class FittedEffect(Frozen):
     """One effect with its numbers, as fitted together with the others."""
 
     effect: str
@@ -51,7 +49,6 @@ class FittedEffect:
         return sizes[0] if self.stage == "valve" and sizes and isinstance(sizes[0], float) else None
 
 
-@dataclass(frozen=True)
 class Candidate(FittedEffect):
     """One effect tried at the first step: how far it alone lowers the error on samples the fit did not see."""
 
@@ -63,8 +60,7 @@ class Candidate(FittedEffect):
     why: Note | None = None  # why not
 
 
-@dataclass(frozen=True)
-class ModelEffect:
+class ModelEffect(Frozen):
     """One effect in a model, with plain parameter values."""
 
     effect: str
@@ -78,8 +74,7 @@ class ModelEffect:
         return self.source or self.effect
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(Frozen):
     """A model of one loop that can be kept: PV = Kp * lag(tau, effects(OP delayed by theta)) + offset."""
 
     loop: str
@@ -101,8 +96,7 @@ class Model:
         return replace(self, effects=tuple(e for e in self.effects if e.effect != name))
 
 
-@dataclass(frozen=True)
-class Fitness:
+class Fitness(Frozen):
     """How well a model fits one record: errors and the numbers of the first-order part (Kp, tau, theta, offset)."""
 
     rmse: float
@@ -110,8 +104,7 @@ class Fitness:
     parameters: Mapping[str, FittedParameter] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
+class Step(Frozen, eq=False):
     """One rung of the ladder: the model after `added` came in (None: the baseline), everything refitted together."""
 
     added: str | None
@@ -121,8 +114,7 @@ class Step:
     chosen: str = "search"  # or "user": --add, or part of the model file
 
 
-@dataclass(frozen=True)
-class Region:
+class Region(Frozen):
     """A part of the record, and how badly the model does there."""
 
     region: str  # short name: "after output reversals, upwards"
@@ -135,8 +127,7 @@ class Region:
     stretches: tuple[Interval, ...] = field(default=(), repr=False)  # (first, last) times; none of a frequency band
 
 
-@dataclass(frozen=True, eq=False)
-class Series:
+class Series(Frozen, eq=False):
     """What was measured and what the model says, on a grid without gaps; all (samples,), normalised, nan in holes."""
 
     time: FloatArray
@@ -152,8 +143,7 @@ class Series:
         return np.where(self.used, self.measured - predicted, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class Judged:
+class Judged(Frozen, eq=False):
     """A model against one record: how far off it is, how far off it could be at best, and where it fails."""
 
     loop: str
@@ -171,8 +161,7 @@ class Judged:
     details: Mapping[str, object] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Comparison(Judged):
+class Comparison(Judged, eq=False, kw_only=True):
     """One model against one record."""
 
     fitness: Fitness
@@ -180,16 +169,14 @@ class Comparison(Judged):
     seen: float = 1.0  # share of the samples that the model's numbers were fitted to; 0 on another day
 
 
-@dataclass(frozen=True)
-class Rest:
+class Rest(Frozen):
     """What the final model leaves: how many times the measurement noise, and what it goes with, in words."""
 
     times_noise: float
     goes_with: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Explanation(Judged):
+class Explanation(Judged, eq=False, kw_only=True):
     """Which physical effects are missing in the first-order model of a loop, and how far the error falls with them."""
 
     candidates: tuple[Candidate, ...] = ()  # tried alone, best first

@@ -3,14 +3,12 @@
 Times are UTC epoch seconds, dead bands in spans of the controller output, slopes in spans per day.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
-from ..record import Note
+from ..record import Frozen, Note
 from .scan import Verdict
 
 DAY = 86400.0
@@ -27,8 +25,7 @@ def missing_days(covered: Iterable[str]) -> list[str]:
     return list(map(str, np.setdiff1d(np.arange(days.min(), days.max()), days))) if len(days) else []
 
 
-@dataclass(frozen=True)
-class Night:
+class Night(Frozen):
     """One scanned export of one loop."""
 
     loop: str
@@ -62,8 +59,7 @@ class Night:
         return self.d is None and self.verdict is Verdict.NO_BACKLASH and self.limit_of_detection is not None
 
 
-@dataclass(frozen=True)
-class Repair:
+class Repair(Frozen):
     """A repair of a valve."""
 
     loop: str
@@ -74,8 +70,7 @@ class Repair:
     after: float | None = None
 
 
-@dataclass(frozen=True)
-class Segment:
+class Segment(Frozen):
     """Wear between two repairs: its nights, the slope, and the fitted dead band at both ends."""
 
     first: float  # night
@@ -95,8 +90,7 @@ class Segment:
         return self.slope_ci95 is not None and self.slope_ci95[0] > 0
 
 
-@dataclass(frozen=True)
-class HeldOut:
+class HeldOut(Frozen):
     """How a straight line and a trend that may bend foresaw the last nights, from the nights before alone."""
 
     nights: int  # so many were hidden
@@ -107,8 +101,7 @@ class HeldOut:
     straight_line_holds: bool  # it foresaw them as well
 
 
-@dataclass(frozen=True)
-class Limit:
+class Limit(Frozen):
     """Largest dead band that a class of loops may have, and who says so."""
 
     value: float
@@ -116,8 +109,7 @@ class Limit:
     source: str
 
 
-@dataclass(frozen=True)
-class Wear:
+class Wear(Frozen):
     """The wear of one loop: its segments, the repairs between them, and when the limit is reached."""
 
     loop: str
@@ -127,6 +119,7 @@ class Wear:
     segments: tuple[Segment, ...] = ()
     repairs: tuple[Repair, ...] = ()
     limit_date: tuple[float, float, float] | None = None  # (value, early, late) where a trend reaches the limit
+    earliest: float | None = None  # where no trend reaches the limit: the day before which it is not reached
     gaps: tuple[tuple[str, str], ...] = ()  # (day, code of the reason) where a scan gave no size
     missing_days: tuple[str, ...] = ()  # days between the first and the last night without any export
     model: str = ""  # what the date comes from: "line" (straight) or "local" (a trend that may bend), if any
@@ -139,8 +132,7 @@ class Wear:
         return None if self.state == "no_estimate" else self.segments[-1]
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(Frozen):
     """A place in the order of repair: what to do with the valve, and what decided."""
 
     wear: Wear

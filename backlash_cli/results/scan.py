@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, LoopSettings, Note
+from ..record import FloatArray, Frozen, LoopSettings, Note
 
 
 class Verdict(StrEnum):
@@ -33,8 +33,7 @@ NOTHING_SAID = (Verdict.CANNOT_TELL, Verdict.INSUFFICIENT_DATA)
 UNDECIDED = (Verdict.SUSPECTED, Verdict.OSCILLATING, *NOTHING_SAID)  # a plan may tell
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(Frozen):
     """One half period: the interval between two zero crossings of the control error e."""
 
     start: float
@@ -49,8 +48,7 @@ class Estimate:
     joined: bool = field(default=False, repr=False)  # goes over the cut between two nights of a history
 
 
-@dataclass(frozen=True, eq=False)
-class Estimates(Sequence[Estimate]):
+class Estimates(Frozen, Sequence[Estimate], eq=False):
     """The half periods of one loop as columns, (half_periods,) arrays of forty bytes a row: read like a tuple of
     Estimate."""
 
@@ -87,8 +85,7 @@ class Estimates(Sequence[Estimate]):
     __hash__ = None  # type: ignore[assignment]
 
 
-@dataclass(frozen=True)
-class Cluster:
+class Cluster(Frozen):
     """Where the accepted estimates gather."""
 
     d: float
@@ -99,8 +96,7 @@ class Cluster:
     limit_of_detection: float | None = None  # smallest dead band that this record could have shown
 
 
-@dataclass(frozen=True)
-class Confirmation:
+class Confirmation(Frozen):
     """Does PV follow OP, or OP through a dead band of size d?"""
 
     d: float
@@ -112,8 +108,7 @@ class Confirmation:
     profile: tuple[tuple[float, float], ...] = field(default=(), repr=False)  # (d, evidence) of each size tried
 
 
-@dataclass(frozen=True)
-class Compensator:
+class Compensator(Frozen):
     """Recommended compensator gain [span of output], the scheme of the paper, and why. Advice to a person."""
 
     gain: float
@@ -121,8 +116,7 @@ class Compensator:
     reason: str
 
 
-@dataclass(frozen=True)
-class LoopReport:
+class LoopReport(Frozen):
     """All that is known about one loop after a scan."""
 
     loop: str
@@ -168,8 +162,7 @@ class LoopReport:
         return next((limit for limit in limits if limit is not None), None)
 
 
-@dataclass(frozen=True)
-class PlantResult:
+class PlantResult(Frozen):
     """What was found of each loop of a plant, the inputs, and what could not be read or analysed."""
 
     loops: tuple[Any, ...]

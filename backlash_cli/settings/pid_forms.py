@@ -8,8 +8,6 @@ Conversions: Åström and Hägglund, Advanced PID Control (ISA 2006), section 3.
 Everything here is on one pair of signals: `units` and spans are handled where a record is scaled.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping

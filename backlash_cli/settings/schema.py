@@ -1,17 +1,15 @@
 """Loop settings as users write them, a TOML page or a CSV table, checked key by key, and what they mean."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, partial
 from typing import Any
 
 from ..errors import MetadataError, nearest
-from ..record import LoopSettings, Note
+from ..record import Frozen, LoopSettings, Note
 from ..toml_text import Page, checked, line_of, parsed
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
@@ -20,13 +18,12 @@ LOOP_KEYS = (  # limit_class: class of dead-band limit, for the wear report
     "K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd", "reset",
     "units", "auto_modes", "description", "limit_class",
 )  # fmt: skip
-_SEPARATOR = re.compile(r"[\s./\\:_|-]+")
+_SEPARATOR = re.compile(r"[\s./\\:_|!-]+")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 
 
-@dataclass(frozen=True)
-class LoopValues:
+class LoopValues(Frozen):
     """What the metadata say about one loop; `from_defaults` are the keys that come from [defaults]."""
 
     values: Mapping[str, Any]
@@ -34,8 +31,7 @@ class LoopValues:
     from_defaults: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True)
-class Metadata:
+class Metadata(Frozen):
     """Settings of all loops of one or several files; `defaults` hold for loops that are not listed."""
 
     loops: Mapping[str, LoopValues] = field(default_factory=dict)
@@ -85,7 +81,7 @@ class _LoopsFile(Page, frozen=True):
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
     page = checked(parsed(text, where), _LoopsFile, where, text,
-                   remedy="settings of a loop stand under [loops.NAME] of the loops file")
+                   remedy="(settings of a loop stand under [loops.NAME])")
     check_keys(page.defaults, partial(line_of, text, where, "defaults"))
     for name, values in page.loops.items():
         if not isinstance(values, dict):
@@ -186,8 +182,7 @@ def _joined(spaced: str) -> str:
     return re.sub(r"(?<!\d) | (?!\d)", "", spaced)
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(Frozen):
     """Settings of one loop before the data are seen.
 
     loop: K and Kp as given (see `engineering`), times in seconds. pv_range, op_range: None when not given.

@@ -1,7 +1,5 @@
 """The engineering spans of a loop: given, or guessed from its data."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

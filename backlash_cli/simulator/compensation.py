@@ -3,8 +3,6 @@
 Noise and loads are those of the record. Advice to a person: nothing here reaches a control system.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,9 +11,9 @@ from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
 from ..kernels import gap_crossings
 from ..model.problem import noise_floor
-from ..record import FloatArray, Note, Record, SampleState
+from ..record import FloatArray, Frozen, Note, Record, SampleState
 from ..results import LoopReport, Verdict
-from ..results.advice import CompensationStudy, Course, Trial
+from ..results.advice import Course
 from ..scanning import scan
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
@@ -37,6 +35,51 @@ SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
 STILL = 1e-9  # of span: a valve that turns by less stands
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
+
+
+class Trial(Frozen):
+    """One compensator gain and what the simulation gave."""
+
+    gain: float
+    iae: float  # mean absolute error
+    peak: float  # largest error
+    limit_cycle: bool  # goes on oscillating without noise or load
+    valve_travel_per_hour: float
+    output_travel_per_hour: float
+    reversals_per_hour: float  # of the valve
+
+
+class CompensationStudy(Frozen, eq=False):
+    """One loop: what is known of it before a compensator is simulated, then before and after, and the advice."""
+
+    loop: str
+    controller: Controller
+    process: Process
+    d: float  # dead band
+    interval: tuple[float, float]  # its ends
+    d_source: str  # "scan" or "given"
+    density: float  # of the white measurement noise [span^2 s]
+    output_noise: float  # standard deviation of the fast motion of the output
+    hysteresis: float  # of the error's sign, simulated with every gain
+    load: float  # typical load step at the process input
+    rule_gain: float  # what the rule allows before any simulation, 0 for none
+    reason: str  # why this gain, or why none; the rule's, before any simulation
+    warnings: tuple[Note, ...] = ()
+    seed: int = 0
+    trials: tuple[Trial, ...] = ()  # by gain, the first without compensator
+    recommended: float | None = None  # gain, None when refused
+    refusals: tuple[Note, ...] = ()  # what speaks against
+    before: Course | None = None
+    after: Course | None = None  # with the recommended gain
+
+    @property
+    def base(self) -> Trial:
+        """The loop as it is, without compensator."""
+        return self.trials[0]
+
+    def trial(self, gain: float) -> Trial:
+        """Return the trial whose gain is closest."""
+        return min(self.trials, key=lambda t: abs(t.gain - gain))
 
 
 def compensate(record: Record, *, process: Process | None = None, dead_band: float | None = None,

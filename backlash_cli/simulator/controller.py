@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import IntEnum
 
 import numpy as np
 
 from ..errors import MetadataError
-from ..record import FloatArray, LoopSettings
+from ..record import FloatArray, Frozen, LoopSettings
 from .process import ComplexArray
 
 
-@dataclass(frozen=True)
-class Controller:
+class Controller(Frozen):
     """u = K ( b ysp - yf + 1/Ti int(ysp - yf) dt + Td d(c ysp - yf)/dt ),  Yf = Y / (1 + s Tf)^2.
 
     K: output span per measurement span; negative for a process with negative gain. Ti, Td, Tf: seconds; Tf is by
@@ -80,8 +79,7 @@ class Scheme(IntEnum):
     ERROR = 9
 
 
-@dataclass(frozen=True)
-class Compensator:
+class Compensator(Frozen):
     """Adds gain/2 * sign(...) to the output so that it jumps through the gap at every reversal.
 
     gain: span of output. scheme: (7) sign of the output's change, (8) of the filtered output's change, (9) of the

@@ -6,8 +6,6 @@ Re N = 1/pi [ pi/2 + asin(1 - r) + (1 - r) sqrt(r (2 - r)) ],  Im N = -1/pi r (2
 N depends on d/a only. Source: Haegglund (2007), eq. 1.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

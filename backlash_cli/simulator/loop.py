@@ -1,10 +1,7 @@
 """The closed loop on the desk: controller, valve effects, process, load, sensor; returns a Record like an export."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -13,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..effects.shape import Stage
 from ..errors import LoopError, MetadataError, nearest
-from ..record import FloatArray, Record, SampleState
+from ..record import FloatArray, Frozen, Record, SampleState
 from .scenario import Applied, Scenario, Signal, draw_lines, every
 
 UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
@@ -67,8 +64,7 @@ def _idle(state: FloatArray, value: float, p: FloatArray) -> float:
     return value
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
+class Trace(Frozen, eq=False):
     """Every signal of a simulated loop at the inner step, each (samples,), normalised.
 
     measurement: after sensor effects. output: of the controller, compensation included. valve: after valve effects,

@@ -5,8 +5,7 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 on Example 2 (Figs. 10, 12 to 15), the default Kp, the industrial cases (Figs. 17 to 19).
 """
 
-from __future__ import annotations
-
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..estimator.haegglund import DEFAULT_KP, published_estimates
-from ..record import FloatArray, Record
+from ..record import FloatArray, Frozen, Record
 from ..results import Estimate
-from ..results.paper import Line, Panel, PaperFigure, PaperRow
 from .controller import Compensator, Scheme
 from .limit_cycle import describing_function, limit_cycle
 from .loop import Trace, simulate, trace
@@ -44,9 +42,65 @@ TRUE_INDUSTRIAL = 0.03
 STEP_LENGTH = 20.0  # seconds between the operator's steps of 1 % in the manual test
 SEEN = 0.004  # change of the flow [span] that a person sees in the trend: about four times its noise
 
+
+class PaperRow(Frozen):
+    """One number of the paper, with the tolerance within which ours must agree, and ours."""
+
+    key: str  # name of our number
+    figure: str  # the drawing it belongs to
+    quantity: str
+    unit: str  # "s", "%", "count" or "yes/no" (1 is yes)
+    value: float
+    tolerance: float
+    # where we do not agree, why; and the number that we get instead (from the describing function, a closed form or an
+    # independent simulation), within its own tolerance
+    why: str = ""
+    certified: float | None = None
+    certified_tolerance: float = 0.0
+    ours: float = math.nan
+
+    @property
+    def difference(self) -> float:
+        """Ours minus the paper's."""
+        return self.ours - self.value
+
+    @property
+    def agrees(self) -> bool:
+        """True when ours lies within the row's tolerance of the paper's."""
+        return bool(abs(self.difference) <= self.tolerance * (1.0 + 1e-9))
+
+
+class Line(Frozen, eq=False):
+    """A curve: x and y (points,)."""
+
+    name: str
+    x: FloatArray
+    y: FloatArray
+    dash: str = "solid"  # "dash" or "dot"
+    quiet: bool = False  # drawn in grey
+
+
+class Panel(Frozen):
+    """One diagram."""
+
+    lines: tuple[Line, ...]
+    x_label: str
+    y_label: str
+    marks: tuple[tuple[float, float, str], ...] = ()  # x, y and a short text there
+    square: tuple[float, float] | None = None  # visible range of both axes, which then have one scale; None: all
+
+
+class PaperFigure(Frozen):
+    """A figure of the paper drawn anew: panels below each other, and what to see in it."""
+
+    key: str
+    title: str
+    panels: tuple[Panel, ...]
+    text: str = ""
+
+
 Numbers = dict[str, float]
 Found = tuple[Numbers, list[PaperFigure]]
-
 PAGE = tomllib.loads((resources.files(__package__) / "published.toml").read_text(encoding="utf-8"))
 # every number of the paper with its tolerance
 PUBLISHED = tuple(PaperRow(*row, **PAGE["differs"].get(row[0], {})) for row in PAGE["published"])

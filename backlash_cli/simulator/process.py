@@ -1,21 +1,18 @@
 """The process of a simulated loop: a linear model with dead time, sampled exactly for a held input."""
 
-from __future__ import annotations
-
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MetadataError
-from ..record import FloatArray
+from ..record import FloatArray, Frozen
 
 ComplexArray = NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
-class Process:
+class Process(Frozen):
     """G(s) = gain * numerator(s)/denominator(s) * prod 1/(1 + s lag) * (1/s if integrating) * exp(-s dead_time).
 
     Coefficients start with the highest power of s. gain: measurement span per output span (per second if

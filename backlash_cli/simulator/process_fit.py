@@ -8,7 +8,7 @@ Ljung, System Identification, 2nd ed., chapter 13), and large shocks count littl
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -21,7 +21,7 @@ from scipy.special import huber
 from ..errors import LoopError
 from ..estimator.predictor import block_means, recording_of
 from ..kernels import play
-from ..record import FloatArray, Record, SampleState
+from ..record import FloatArray, Frozen, Record, SampleState
 from .process import Process
 
 FEWEST = 300  # blocks
@@ -38,8 +38,7 @@ LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in
 GIVE = "give the process with --process K=..,T=..,L=.."
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(Frozen, eq=False):
     """Block means of valve position x and measurement y (blocks,) over `interval` [s], and how they are compared.
 
     joined: (blocks,) True where a block and the one before it were recorded. Ti [s], sign: of the gain. known_gain:

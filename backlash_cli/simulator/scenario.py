@@ -1,16 +1,14 @@
 """What a simulation needs to know: controller, process, effects, setpoint, load, recorder; and what it planted."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from ..effects.shape import Effect
 from ..errors import MetadataError
-from ..record import FloatArray, LoopSettings
+from ..record import FloatArray, Frozen, LoopSettings
 from .controller import Compensator, Controller
 from .process import Process
 
@@ -18,8 +16,7 @@ LARGEST = 10.0  # spans; a signal that rests further out is an engineering value
 Row = tuple[str, str, str, str, str]
 
 
-@dataclass(frozen=True, eq=False)
-class Applied:
+class Applied(Frozen, eq=False):
     """An effect with its parameter array; `column` names the measured signal of an effect that takes one."""
 
     effect: Effect
@@ -38,8 +35,7 @@ def use(name: str | Effect, *, column: str | None = None, **parameters: object) 
     return Applied(effect, effect.pack(parameters), column)
 
 
-@dataclass(frozen=True)
-class Recorder:
+class Recorder(Frozen):
     """An effect between the loop and the export. signals: which of SP, PV, OP it treats. lines: the historian joins the
     values at which the recorded signal changed by straight lines instead of holding them."""
 
@@ -59,16 +55,14 @@ def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
     return np.interp(np.arange(held.size), points, original[points])
 
 
-@dataclass(frozen=True)
-class Signal:
+class Signal(Frozen):
     """A signal from outside the loop: a constant level sent through effects (steps, drift, oscillation, random)."""
 
     level: float = 0.0
     effects: tuple[Applied, ...] = ()
 
 
-@dataclass(frozen=True)
-class Manual:
+class Manual(Frozen):
     """The operator holds the output from `start` to `end` [s], at `output` if given."""
 
     start: float
@@ -76,8 +70,7 @@ class Manual:
     output: float | None = None
 
 
-@dataclass(frozen=True)
-class Scenario:
+class Scenario(Frozen):
     """All that a simulation needs; seconds and normalised signals.
 
     The loop starts at rest: measurement at the setpoint's level, output at `output`. step: inner step [s].

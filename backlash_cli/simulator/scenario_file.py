@@ -15,8 +15,6 @@
 The keys of a table are the fields of what it describes: Scenario, Controller, Process, Compensator, Manual, Signal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace
 from datetime import UTC, datetime
@@ -200,8 +198,8 @@ def parse_process(text: str) -> Process:
         except ValueError:
             number = float("nan")
         if name not in _PROCESS_NAMES or name in given or number != number:
-            remedy = f"{nearest(name, ['K', 'T', 'T2', 'L'])} {PROCESS}"
-            raise MetadataError(f"'{part}' is not understood", where="--process", remedy=remedy)
+            raise MetadataError(f"'{part}' is not understood", where="--process",
+                                remedy=f"{nearest(name, ['K', 'T', 'T2', 'L'])} - {PROCESS}")
         given[name] = number
     named = {_PROCESS_NAMES[name]: value for name, value in given.items()}
     if "lag" not in named:

@@ -1,8 +1,9 @@
 """Plans followed on strange plants: python -m tests.benchmarks.followed_plans N [--seed S] [--repeats R] [--kind KIND].
 
 Loops of `strangers`, healthy or with a dead band of the target's size, whose record a scan leaves undecided. The same
-loop goes on with what `plan` proposes first, or with the option of one kind, and the export with the test in it is
-scanned again. Prints for every loop what was proposed and what the scan then said, and how many were decided and right.
+loop goes on with what `plan` proposes: the first option that decides, else the most promising one; the export with the
+test in it is scanned again. Prints for every loop what was proposed and what the scan then said, and how many were
+decided and right.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from . import strangers
 
 TARGET = 2.0  # % of the output span
 LATER = 48.0  # hours that every loop goes on for at most
-PROMISING = 0.5  # chance from which on a test is followed that is not sure to decide, where none is
 FAMILIES = ("flow", "temperature", "pressure", "generic", "level")
 
 
@@ -61,11 +61,11 @@ def followed(seed: int, repeats: int, kind: str) -> dict[str, Any] | None:
             return None
         row = {"loop": before.name, "truth": truth, "before": str(report.verdict), "kind": "-", "hours": np.nan,
                "power": np.nan, "clears": np.nan, "decides": False, "after": "-"}
-        chosen = [o for o in found.options if (o.kind == kind if kind else o.decides)] or [
-            o for o in found.options if not kind and min(o.power or 0.0, o.clears or 0.0) >= PROMISING]
-        if not chosen or chosen[0].duration_s is None or chosen[0].duration_s > 3500 * LATER:
+        tests = [o for o in found.options if o.duration_s is not None and o.duration_s <= 3500 * LATER]
+        if not tests:
             return row
-        option, around = chosen[0], 5 * before.Ti_ideal
+        option = max(tests, key=lambda o: (o.decides, min(o.power, o.clears), o.kind == "manual_test"))
+        around = 5 * before.Ti_ideal
         row |= {"kind": option.kind, "hours": option.duration_s / 3600, "power": option.power, "clears": option.clears,
                 "decides": option.decides}
         begin = 3600 * hours + around * (option.kind != "wait")

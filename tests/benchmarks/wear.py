@@ -129,8 +129,8 @@ def scored(history: History, found: Wear) -> Score:
     if found.limit_date is not None:
         _, early, late = ((x - START) / DAY for x in found.limit_date)
         hit, width = float(early - 0.5 <= history.day <= late + 0.5), late - early
-    elif truth < history.limit and np.isinf(history.day):
-        hit = 1.0
+    elif truth < history.limit:  # no date: until the earliest day it is said not to be reached
+        hit = float(history.day >= ((found.earliest or np.inf) - START) / DAY - 0.5)
     return Score(now.level / truth - 1, now.level_ci95[0] <= truth <= now.level_ci95[1], slope, slope_hit, hit, width,
                  sum(r.found for r in found.repairs), getattr(found, "model", ""))
 

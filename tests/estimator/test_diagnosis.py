@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.diagnosis import Diagnosis, diagnose
-from backlash_cli.estimator.wave import compare_mean_cycle, find_period, misfits, moving_mean, regularity, sustained
+from backlash_cli.estimator.diagnosis import diagnose
+from backlash_cli.estimator.wave import find_period, mean_cycle, sustained
 from backlash_cli.record import Record, record_from_arrays
 from tests.benchmarks.cycling_loops import draw
 from tests.benchmarks.diagnosis_benchmark import judged
@@ -24,15 +24,11 @@ def sticking(seed: int = 0) -> Record:
     return run(Loop(K=0.6, Ti=12, lag=6, delay=4, stick=0.03, noise=0.0005), 6000, load=KICK, seed=seed)
 
 
-def votes(diagnosis: Diagnosis) -> dict[str, str]:
-    return {vote.test: vote.speaks_for for vote in diagnosis.votes}
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_a_sticking_valve_is_seen(seed: int) -> None:
     found = diagnose(sticking(seed))
     assert found.kind == "stiction"
-    assert votes(found)["curve_fit_op"] == "stiction" or votes(found)["mean_cycle"] == "gap"
+    assert found.grounds["mean_cycle"] < 0.6 and found.grounds["symmetry"] == 1.0
     assert "is backlash plus stiction band" in found.statement
 
 
@@ -74,11 +70,10 @@ def test_a_quiet_loop_does_not_oscillate() -> None:
     assert diagnose(record_from_arrays(0.5, np.full(3, 0.5), interval=1.0)).period is None
 
 
-def test_without_output_only_the_error_votes() -> None:
+def test_without_output_nothing_is_said_of_the_valve() -> None:
     record = sticking()
     found = diagnose(record_from_arrays(record.setpoint, record.measurement, interval=1.0))
-    assert set(votes(found)) == {"curve_fit_pv", "shape", "persistence", "setpoint"}
-    assert found.kind != "backlash_integrating"
+    assert found.kind in ("external", "unclear") and found.d is None
 
 
 def test_a_direct_acting_loop_looks_the_same() -> None:
@@ -88,15 +83,6 @@ def test_a_direct_acting_loop_looks_the_same() -> None:
     assert diagnose(turned).kind == diagnose(record).kind
 
 
-def test_shapes_fit_themselves() -> None:
-    grid = (np.arange(64) + 0.5) / 64
-    sine, triangle = np.sin(np.pi * grid), np.minimum(grid / 0.3, (1 - grid) / 0.7)
-    assert misfits(3 * sine)[0] == pytest.approx(0, abs=1e-12)
-    assert misfits(np.full(64, 2.0))[1] == 0.0
-    assert misfits(triangle)[2] == pytest.approx(0, abs=1e-3)
-    assert misfits(sine)[2] > 0.1 and misfits(triangle)[0] > 0.1
-
-
 @pytest.mark.parametrize("period", [12.0, 40.5, 333.3])
 def test_the_period_of_a_noisy_sine(period: float) -> None:
     values = np.sin(2 * np.pi * TIME / period) + 0.3 * np.random.default_rng(0).normal(size=6000)
@@ -104,7 +90,6 @@ def test_the_period_of_a_noisy_sine(period: float) -> None:
     assert found == pytest.approx(period, rel=0.02)
     assert height == pytest.approx(0.5 / 0.59, abs=0.03)
     assert sustained(values, found, height) > 0.8
-    assert regularity(values) > 1.0 > regularity(np.random.default_rng(5).normal(size=6000))
 
 
 def test_the_mean_cycle_of_a_linear_process_needs_no_gap() -> None:
@@ -113,7 +98,7 @@ def test_the_mean_cycle_of_a_linear_process_needs_no_gap() -> None:
     for k in range(1, 6000):
         pv[k] = pv[k - 1] + (op[k - 1] - pv[k - 1]) / 20
     noise = 0.01 * np.random.default_rng(1).normal(size=6000)
-    test = compare_mean_cycle(pv + noise, op, 100.0)
+    test = mean_cycle(pv + noise, op, 100.0)
     assert test is not None and test.misfit < 2.0 and test.evidence < 10.0
 
 
@@ -124,8 +109,8 @@ def test_the_controllers_own_law_does_not_pass_for_a_process() -> None:
     pv = np.zeros(6000)
     for k in range(1, 6000):
         pv[k] = pv[k - 1] + (-op[k - 1] / 2.0 - pv[k - 1]) / 4.0
-    backwards = compare_mean_cycle(pv + noise, op, 100.0)
-    forwards = compare_mean_cycle(pv + noise, op, 100.0, action=-1.0)
+    backwards = mean_cycle(pv + noise, op, 100.0)
+    forwards = mean_cycle(pv + noise, op, 100.0, action=-1.0)
     assert backwards is not None and backwards.misfit > 10.0
     assert forwards is not None and forwards.misfit < 2.0
 
@@ -145,16 +130,8 @@ def test_recordings_of_the_stiction_data_base(loop: str) -> None:
     with open(folder / f"{loop}.csv", newline="") as file:
         rows = np.array([[float(x) for x in row] for row in list(csv.reader(file))[1:]])
     found = diagnose(record_from_arrays(rows[:, 1].mean(), rows[:, 1], rows[:, 2], interval=about["interval_s"]))
-    print(loop, about["label"], found.kind, {v.test: round(v.value, 2) for v in found.votes})
+    print(loop, about["label"], found.kind, found.grounds)
     if not about["label"].startswith("stiction"):
         assert found.kind not in ("stiction", "backlash_integrating")
     elif found.kind != "none":
         assert found.kind == "stiction"
-
-
-@pytest.mark.parametrize("width", [0, 1, 2, 3, 4, 49, 50, 120])
-def test_a_moving_mean_is_that_of_the_samples_around_each(width):
-    values = np.random.default_rng(0).normal(size=50)
-    back, on = max(width, 1) // 2, max(width, 1) - max(width, 1) // 2
-    expected = [values[max(i - back, 0) : i + on].mean() for i in range(50)]
-    np.testing.assert_allclose(moving_mean(values, width), expected, atol=1e-12)

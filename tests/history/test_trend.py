@@ -78,6 +78,22 @@ def test_no_growth_is_no_trend():
     assert high.state == "no_trend" and "above the limit" in sentence("outlook", high)
 
 
+def test_without_a_date_the_day_is_said_before_which_the_limit_is_not_reached():
+    rng = np.random.default_rng(3)
+    sizes = (0.01 + 0.03 * (1 - np.exp(-np.arange(60) / 15))) * (1 + 0.01 * rng.standard_normal(60))
+    ended = of([made(k, float(d), error=0.01) for k, d in enumerate(sizes)], limit=Limit(0.06, "a", "test"))
+    steady = of(growing(30, first=0.02, last=0.02), limit=Limit(0.022, "a", "test"))
+    for found in (ended, steady):
+        assert found.limit_date is None and found.earliest > found.nights[-1].time
+        assert f"before {day_of(found.earliest)} it is not reached" in sentence("outlook", found)
+    worn = of(growing(30, first=0.04, last=0.04))
+    assert worn.limit_date is None and worn.earliest is None  # it is above the limit
+    risen = of(growing(20) + [made(k, d=0.04 + 0.0005 * (-1) ** k) for k in range(20, 60)])
+    value, early, late = risen.limit_date
+    assert risen.state == "no_trend" and "was reached about" in sentence("outlook", risen)
+    assert early < MARCH + 13.2 * DAY < late and early < value < late
+
+
 def test_nights_without_a_size_are_named_gaps_not_zeros():
     reports = growing(60, noise=0.03, seed=6)
     for k in range(0, 60, 3):

@@ -213,6 +213,7 @@ EXPORTS = {
     "date_and_time_de": Export({"plant.csv": wide(lambda t: t.strftime("%d.%m.%Y;%H:%M:%S"), time_name="Datum;Uhrzeit", delimiter=";", value=comma)}),
     "two_time_columns": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=1))},{iso(t)}", time_name="Local Time,UTC Time")}),
     "index_column": Export({"plant.csv": wide(lambda t: f"{int(seconds(t)) % 600},{iso(t)}", time_name="No,Timestamp")}),
+    "index_beside_dates": Export({"plant.csv": wide(lambda t: f"{int(seconds(t)) % 600},{iso(t)}", time_name="Index,Recorded at")}),
     "time_last": Export({"plant.csv": "\n".join(",".join(r.split(",")[1:] + r.split(",")[:1]) for r in wide().splitlines()) + "\n"}),
     "two_header_lines": Export({"plant.csv": ",FIC101,FIC101,FIC101,PIC303,PIC303,PIC303\n" + wide(name=lambda n: n.split(".")[1])}),
     "two_header_lines_merged": Export({"plant.csv": ",FIC101,,,PIC303,,\n" + wide(name=lambda n: n.split(".")[1])}),

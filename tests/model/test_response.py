@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.effects.process import delayed_lag, lag_transposed
 from backlash_cli.model.noise import Noise, fit_noise, whitener
+from backlash_cli.model.pipeline import MOST_KEPT, kept
 
 from .loops import process, steps
 
@@ -82,3 +85,12 @@ def test_noise_is_found_again() -> None:
     found = fit_noise(error, np.ones(n, dtype=bool), h, Noise(1.0, 30.0, 10.0))
     assert found.ratio == pytest.approx(3.0, rel=0.25)
     assert found.slow * found.fast == pytest.approx(60.0 * 15.0, rel=0.5)
+
+
+def test_the_last_columns_that_were_made_are_kept_and_older_ones_are_not() -> None:
+    problem, made = SimpleNamespace(others={}), []
+    for number in range(2 * MOST_KEPT):
+        kept(problem, number, lambda number=number: made.append(number))
+        assert [*problem.others] == [*range(max(number + 1 - MOST_KEPT, 0), number + 1)]
+    kept(problem, 2 * MOST_KEPT - 1, lambda: made.append(-1))
+    assert made == [*range(2 * MOST_KEPT)]

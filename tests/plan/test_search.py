@@ -55,13 +55,21 @@ def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet, monk
     monkeypatch.setattr(search, "ROUNDS", (8,))
     found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("manual_test",)))
     (option,) = [o for o in found.options if o.kind == "manual_test"]
-    assert option.decides and not option.within_limits and option.pv_move > 0.001
+    assert option.power > 0.0 and not option.within_limits and option.pv_move > 0.001
     assert f"it needs --max-pv-move {100 * option.pv_move:.2g}%." in option.text and "--max-op-move" not in option.text
 
 
-def test_a_test_in_manual_takes_a_quarter_of_an_hour_where_rounds_allow_it(planned):
+def test_a_test_in_manual_takes_half_an_hour_where_rounds_allow_it(planned):
     (option,) = [o for o in planned.options if o.kind == "manual_test"]
-    assert option.duration_s >= 900.0
+    assert option.duration_s >= 1800.0
+
+
+def test_a_worn_valve_counts_as_told_where_the_evidence_has_a_margin(quiet, planned, monkeypatch):
+    (before,) = [o for o in planned.options if o.kind == "manual_test"]
+    monkeypatch.setattr(search, "ROUNDS", (2,))
+    monkeypatch.setattr(search, "MARGIN", 1e6)
+    (option,) = [o for o in plan(quiet, replace(FEW, kinds=("manual_test",))).options if o.kind == "manual_test"]
+    assert before.power > 0.0 == option.power
 
 
 def test_moves_stay_within_the_limits(planned):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from backlash_cli.plan.twin import HOLE, Move, Test, behind, longest_stretch, response, twins_of
+from backlash_cli.plan import twin as twins
+from backlash_cli.plan.twin import HOLE, UNLIKE, Move, Test, answer, behind, longest_stretch, response, twins_of
 from backlash_cli.record import LoopSettings, record_from_arrays
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, use
 
@@ -63,6 +64,30 @@ def test_a_loop_that_does_not_answer_gets_a_process_that_its_tuning_would_suit()
                                 interval=2.0, settings=LoopSettings(K=-0.5, Ti=40.0))
     twin = twins_of(record, [0.02])[0]
     assert twin.source.startswith("assumed") and twin.process.gain * -0.5 > 0 and twin.process.lags == (40.0,)
+
+
+def test_a_level_that_is_not_seen_fills_as_fast_as_its_tuning_says():
+    """Of an integrator tuned by lambda K = 1/(rate x), Ti = 4 x with any x."""
+    random, rate, x = np.random.default_rng(0), -4e-4, 300.0
+    K, Ti = 1.0 / (rate * x), 4.0 * x
+    record = record_from_arrays(0.5, 0.5 + 0.001 * random.normal(size=600), 0.4 + 0.001 * random.normal(size=600),
+                                interval=2.0, settings=LoopSettings(K=K, Ti=Ti))
+    process = twins_of(record, [0.02])[0].process
+    assert process.gain / process.lags[0] == pytest.approx(rate)
+
+
+@pytest.mark.parametrize("times", [0.01, 0.5, 100.0])
+def test_a_fit_answers_within_reason_of_what_the_tuning_suits(times, monkeypatch):
+    record = loop()
+    monkeypatch.setattr(twins, "model_of", lambda *_, **__: (Process(gain=times, lags=(60.0,)), ()))
+    process = twins_of(record, [0.02])[0].process
+    assert answer(process, 60.0) == pytest.approx(np.clip(times, 1.0 / UNLIKE, UNLIKE) * (1.0 - np.exp(-1.0)))
+
+
+def test_an_integrator_without_lag_is_played():
+    twin = replace(twins_of(loop(), [0.0])[0], process=Process(gain=0.02, integrating=True))
+    later, _, _ = twin.play(Test("manual_test", 200.0, 0.03, (1.0, 0.0, -1.0, 0.0)), 1, around=300.0)
+    assert np.ptp(later.measurement[later.state == 3]) > 0.05
 
 
 def test_what_is_played_again_moves_like_the_record_and_is_the_same_for_the_same_seed():

@@ -11,10 +11,10 @@ from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
 from backlash_cli.record import record_from_arrays
 from backlash_cli.reporter.advice import ADVICE, compensation
-from backlash_cli.results.advice import CompensationStudy
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
     MARGIN,
+    CompensationStudy,
     choose,
     compensate,
     contradiction,
