@@ -58,10 +58,6 @@ def main() -> None:
     for stream in ("stdout", "stderr"):
         if getattr(sys, stream) is None:  # closed by who started us: nobody listens
             setattr(sys, stream, open(os.devnull, "w"))  # noqa: SIM115
-    for number in STOPS:
-        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-            signal.signal(number, _stop)
-    _see_to_the_end()
     if not sys.warnoptions:
         warnings.simplefilter("ignore")  # remarks of libraries to programmers; ours are in the report
     code = _guarded(sys.argv[1:])
@@ -77,6 +73,7 @@ def _guarded(arguments: list[str]) -> int:
     """Run one command and return its exit status; click's own entry would answer Ctrl-C and closed pipes its way."""
     code, words = 2, ""
     try:
+        _hear_stops()
         if "_BACKLASH_COMPLETE" in os.environ:
             cli.main(arguments, prog_name="backlash")
         with cli.make_context("backlash", arguments) as context:
@@ -103,6 +100,9 @@ def _guarded(arguments: list[str]) -> int:
         else:
             words = (f"error: unexpected {type(error).__name__}: {error} -> this is a fault of backlash; "
                      "BACKLASH_DEBUG=1 shows where it happened")
+    for number in STOPS:
+        if signal.getsignal(number) is _stop:
+            signal.signal(number, signal.SIG_DFL)  # all is said and done: there is nothing left to end in order
     try:
         sys.stdout.flush()
     except OSError as error:
@@ -123,9 +123,9 @@ def _stop(number: int, frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _see_to_the_end() -> None:
-    """End the process where a stop is lost on its way: an exception that lands inside an import or a callback of a
-    library may be swallowed there, or leave a lock closed for ever."""
+def _hear_stops() -> None:
+    """Let a stop raise, and end the process where that is lost on its way: an exception that lands inside an import or
+    a callback of a library may be swallowed there, or leave a lock closed for ever."""
     told, tell = os.pipe()
     os.set_blocking(tell, False)
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)  # a byte for each signal, whatever Python is doing
@@ -138,6 +138,9 @@ def _see_to_the_end() -> None:
         os._exit(128 + number)
 
     threading.Thread(target=wait, daemon=True).start()
+    for number in STOPS:
+        if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
+            signal.signal(number, _stop)
 
 
 if __name__ == "__main__":

@@ -80,6 +80,23 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
                 time.sleep(0.05)
 
 
+@pytest.mark.parametrize("place", ["threading.Thread.start", "backlash_cli.__main__._hear_stops",
+                                   "backlash_cli.__main__.cli.make_context", "os.set_blocking", "sys.stdout.flush"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_at_any_moment_leaves_no_traceback(plant, place, number):
+    """Before and after the signals are listened for, and when all is said."""
+    owner, name = place.rsplit(".", 1)
+    code = ("import os, sys, threading, backlash_cli.__main__\n"
+            f"real = {place}\n"
+            "def stopped(*a, **k):\n"
+            f"    answer = real(*a, **k)\n    os.kill(os.getpid(), {int(number)})\n    return answer\n"
+            f"{owner}.{name} = stopped\nbacklash_cli.__main__.main()\n")
+    ended = subprocess.run([sys.executable, "-c", code, "scan", str(plant), "--no-confirm"], capture_output=True,
+                           text=True, timeout=20)
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode in (128 + number, -number)
+
+
 @pytest.mark.parametrize("answer", ["time.sleep(60)", "raise AttributeError('half an import')"])
 def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant, answer):
     """An exception that lands in a library's callback or import is swallowed there, becomes another, or leaves a lock
