@@ -139,6 +139,13 @@ class Record(Frozen, eq=False):
                        disturbances={k: v[cut] for k, v in self.disturbances.items()})
 
 
+def hold(values: FloatArray) -> FloatArray:
+    """Values (samples,) with the last number before it in every hole; one at the start takes the first number."""
+    good = np.isfinite(values)
+    last = np.where(good, np.arange(len(values)), np.argmax(good))
+    return values[np.maximum.accumulate(last, out=last)]  # in place: long records
+
+
 def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
                        loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
                        disturbances: Mapping[str, object] | None = None) -> Record:

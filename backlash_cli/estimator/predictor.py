@@ -22,7 +22,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, IntArray
+from ..record import FloatArray, Frozen, IntArray, hold
 
 LEAST_ROWS, FEWEST_ROWS = 25, 60  # rows beyond the number of columns, and at least
 COMPLETE = 0.6  # share of a block's samples that must be usable
@@ -49,13 +49,9 @@ def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, u
     between the usable ones, both times `scale`. index: strictly increasing places on the grid."""
     at = index - index[0]
     grid = np.arange(at[-1] + 1)
-    held, good = np.full(len(grid), np.nan), np.zeros(len(grid), dtype=bool)
-    held[at], good[at] = scale * output, usable
-    known = np.isfinite(held)
-    last = np.where(known, grid, np.argmax(known))
-    held = held[np.maximum.accumulate(last, out=last)]
-    del last  # a long record's arrays are as large as what is made of them
-    return Recording(held, np.interp(grid, at[usable], scale * measurement[usable]), good)
+    known, good = np.full(len(grid), np.nan), np.zeros(len(grid), dtype=bool)
+    known[at], good[at] = scale * output, usable
+    return Recording(hold(known), np.interp(grid, at[usable], scale * measurement[usable]), good)
 
 
 class Lags(Frozen):
@@ -157,8 +153,7 @@ def in_blocks(r: Recording, size: int, span: float, deviation: float) -> Blocks:
 def block_means(values: FloatArray, size: int) -> FloatArray:
     """Means (blocks,) over whole blocks of `size` samples."""
     count = len(values) // size
-    means: FloatArray = values[: count * size].reshape(count, size) @ np.full(size, 1.0 / size)
-    return means
+    return np.asarray(values[: count * size].reshape(count, size) @ np.full(size, 1.0 / size))
 
 
 def paired(means: FloatArray) -> FloatArray:

@@ -17,11 +17,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen
+from ..record import FloatArray, Frozen, hold
 from .fit import Fit, Solver, descend, finished, predicted_by, raw_error, rms
 from .noise import Noise
 from .pipeline import Part
-from .problem import FEWEST_SAMPLES, Problem, hold
+from .problem import FEWEST_SAMPLES, Problem
 
 # a block lasts many process lags, so that a random load on both sides tells nothing about its middle
 FOLDS, FEWEST_BLOCKS, MOST_BLOCKS, LAGS_PER_BLOCK = 4, 12, 24, 15.0

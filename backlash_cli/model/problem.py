@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
-from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState
+from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 SHORT, FORGOTTEN = 0.25, 4.0  # integral times: holes of OP that do no harm, and after which one is forgotten
@@ -136,7 +136,8 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
             # the mean from each sample to the next: unlike OP it moves on between scans
             signal = _interpolate(grid)
             columns[name] = 0.5 * (signal + np.append(signal[1:], signal[-1]))
-    moved, setpoint, floor, h = _interpolate(output), hold(setpoint), noise_floor(recorded), record.interval
+    moved, floor, h = _interpolate(output), noise_floor(recorded), record.interval
+    setpoint = np.nan_to_num(hold(setpoint))
     return Problem(
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
         record.settings.theta or None, record.settings, len(holes) * heard, floor,
@@ -167,13 +168,6 @@ def noise_floor(recorded: FloatArray) -> float:
     # what a normal distribution has there is put back (mean square within 1.96 deviations: 0.759)
     inner = float(np.mean(squares[: max(int(0.95 * squares.size), 1)])) / 0.759
     return max(float(np.sqrt(min(inner, float(np.mean(squares))) / 20.0)), 1e-7)
-
-
-def hold(values: FloatArray) -> FloatArray:
-    """Repeat the last number over holes; holes at the start take the first number."""
-    good = np.isfinite(values)
-    last = np.maximum.accumulate(np.where(good, np.arange(len(values)), np.argmax(good)))
-    return np.nan_to_num(values[last])
 
 
 def _interpolate(values: FloatArray) -> FloatArray:
