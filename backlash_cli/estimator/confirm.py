@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, Frozen, LoopSettings, Note, Record, duration
 from ..results import Confirmation
+from ..words import noted
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .rebuild import rebuilt_output
+from .wave import autocorrelation
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
 Said = TypeVar("Said")
@@ -52,11 +54,6 @@ class Asked(Frozen):
     def net(self) -> FloatArray:
         """Evidence (widths,) [nats] of gaps that are a possible answer of PV."""
         return self.test.answer - IMITATED * self.imitation
-
-    @property
-    def fitting(self) -> FloatArray:
-        """The same (widths,) whether the answer is a possible one or not."""
-        return self.test.fit - IMITATED * self.imitation
 
 
 class Study(Frozen):
@@ -95,30 +92,27 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
     output, Ti = record.output, settings.Ti or 0.0
     if output is None:
         if not (settings.K and settings.Ti):
-            return Note("no_output", "no controller output (OP) in the data, and K or Ti to rebuild it are not known")
+            return noted("no_output:test")
         output = rebuilt_output(record, settings, usable & np.isfinite(record.setpoint))
     usable &= np.isfinite(output)
     if not usable.any():
-        return Note("short_record", "no sample of the record can be used", {"usable_s": 0.0})
+        return noted("short_record:none", {"usable_s": 0.0})
     if not Ti:
         error = np.where(np.isfinite(record.setpoint), record.setpoint, 0.0) - record.measurement
         Ti = 0.5 * memory(error[usable]) * record.interval
     recordings = _recordings(record, output, usable)
     if not recordings:
-        return Note("short_record", f"{np.count_nonzero(usable)} samples of the record can be used; at least "
-                    f"{FEWEST_BLOCKS} are needed in a stretch without a hole of {GAP} samples")
+        return noted("short_record:holes", samples=np.count_nonzero(usable), least=FEWEST_BLOCKS, hole=GAP)
     moves = np.concatenate([r.output[r.usable] for r in recordings])
     span, seconds = float(np.ptp(moves)), len(moves) * record.interval
     if span < NARROWEST * 1.5:
-        return Note("output_still", f"OP covers only {span:.2g} % of its span: too little to show a dead band",
-                    {"output_range": span / 100.0})
+        return noted("output_still", {"output_range": span / 100.0})
     if not any(np.ptp(r.measurement[r.usable]) > 0 for r in recordings):
-        return Note("measurement_constant", "PV is the same number throughout")
+        return noted("measurement_constant")
     asked = _asked(recordings, span, settings.K, Ti, record.interval) if seconds >= SHORTEST * Ti else ()
     if not asked:
-        why = f"at least {duration(SHORTEST * Ti)} are needed, ten times Ti" if seconds < SHORTEST * Ti else \
-            "the stretches between its holes are too short to predict PV in"
-        return Note("short_record", f"{duration(seconds)} of the record can be used; {why}", {"usable_s": seconds})
+        code = "short_record" if seconds < SHORTEST * Ti else "short_record:stretches"
+        return noted(code, {"usable_s": seconds}, used=duration(seconds), least=duration(SHORTEST * Ti))
     return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, record.output is None)
 
 
@@ -247,10 +241,8 @@ def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, 
 
 def memory(values: FloatArray) -> float:
     """Lag [samples] at which the autocorrelation of values (samples,) has fallen to 1/e; of a loop about 2 Ti."""
-    v = values[: 1 << 18] - values[: 1 << 18].mean()
-    power = np.abs(np.fft.rfft(v, 2 * len(v))) ** 2
-    correlation = np.fft.irfft(power)[: len(v)]
-    below = np.flatnonzero(correlation < correlation[0] / np.e)
+    v = values[: 1 << 18]
+    below = np.flatnonzero(autocorrelation(v, len(v)) < 1.0 / np.e)
     return float(below[0]) if len(below) else float(len(v))
 
 
@@ -260,7 +252,7 @@ def _evidence(asked: Sequence[Asked]) -> float:
     # where an imitation does clearly better than the gap there is no evidence: so it is under a load that switches
     kept = [np.where(a.test.fit > AS_GOOD * a.imitation, np.inf, 0.0) for a in asked]
     possible = np.max([np.minimum(a.net, k) for a, k in zip(asked, kept, strict=True)], axis=0)
-    fitting = [np.minimum(a.fitting, k) for a, k in zip(asked, kept, strict=True)]
+    fitting = [np.minimum(a.test.fit - IMITATED * a.imitation, k) for a, k in zip(asked, kept, strict=True)]
     second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
     found = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
     best = int(_explained([a.test for a in asked]).argmax())

@@ -5,7 +5,6 @@ CALLED, SOME and the table CONFIDENCE come from 2,200 loops of plants that share
 are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's.
 """
 
-
 import numpy as np
 
 from ..record import Frozen, Note

@@ -9,6 +9,7 @@ small. That chance is calibrated on plants that share nothing with the test, a t
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit
 
 from ..record import FloatArray
 from .gap_test import IMITATED, GapTest
@@ -49,8 +50,7 @@ def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) ->
 
 def chance_hidden(signs: FloatArray) -> FloatArray:
     """Chance (rows,) that a dead band hides behind such signs (rows, 7)."""
-    chance: FloatArray = 1.0 / (1.0 + np.exp(-(signs @ np.array(WEIGHTS) + CONSTANT)))
-    return chance
+    return np.asarray(expit(signs @ np.array(WEIGHTS) + CONSTANT))
 
 
 def excluded(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> float | None:

@@ -53,8 +53,7 @@ class GapTest(Frozen):
     @property
     def fit(self) -> FloatArray:
         """Gain (widths,) where the share is about 1, else -1; what the tied fit loses is held against it."""
-        held: FloatArray = np.where(full(self.share), self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0)
-        return held
+        return np.asarray(np.where(full(self.share), self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0))
 
     @property
     def answer(self) -> FloatArray:

@@ -8,7 +8,6 @@ process. A sticking valve looks the same as one with a gap here: with the slip j
 of 600 simulated loops with and without a jump were explained no better.
 """
 
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d

@@ -14,8 +14,7 @@ DROP = 1.92  # nats: 95 % of a likelihood
 def about(widths: FloatArray, j: int, count: int) -> FloatArray:
     """Up to `count` widths between the neighbours of number j, without that one."""
     fine = np.geomspace(widths[max(j - 1, 0)], widths[min(j + 1, len(widths) - 1)], count + 2)[1:-1]
-    apart: FloatArray = fine[np.abs(fine / widths[j] - 1.0) > 1e-3]
-    return apart
+    return np.asarray(fine[np.abs(fine / widths[j] - 1.0) > 1e-3])
 
 
 def peak_of(widths: FloatArray, answer: FloatArray) -> float:

@@ -110,5 +110,4 @@ def _basis(columns: FloatArray) -> FloatArray:
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     keep = values > 1e-8 * max(float(values[-1]), 1e-300)
-    basis: FloatArray = scaled @ (vectors[:, keep] / np.sqrt(values[keep]))
-    return basis
+    return np.asarray(scaled @ (vectors[:, keep] / np.sqrt(values[keep])))

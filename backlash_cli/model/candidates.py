@@ -97,7 +97,7 @@ def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ..
     apart = max(int(min(max(lag, problem.settings.Ti or 0.0), MOST_APART * problem.duration) / h), 2)
 
     def step(k: int) -> FloatArray:
-        return white.one(delayed_lag(np.where(np.arange(problem.samples) < k, 0.0, 1.0), h, lag, 0.0))
+        return white.columns(delayed_lag(np.where(np.arange(problem.samples) < k, 0.0, 1.0), h, lag, 0.0))
 
     def from_there_on(z: FloatArray) -> FloatArray:
         """Return <whitened step at k, z> for every k, (samples,)."""

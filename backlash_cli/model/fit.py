@@ -96,7 +96,7 @@ class Solver:
 
     def __init__(self, problem: Problem, noise: Noise) -> None:
         self.problem, self.white = problem, whitener(noise, problem.used, problem.interval)
-        self._measured = self.white.one(problem.measurement)
+        self._measured = self.white.columns(problem.measurement)
         self._raw: FloatArray | None = None
         self._last: tuple[Shape, tuple[FloatArray, float, FloatArray]] | None = None
         self._bent: FloatArray | None = None
@@ -112,7 +112,7 @@ class Solver:
         if raw is not self._raw:
             self._take(self.white.columns(raw), self._measured, ridges(self.problem, raw))
             self._raw = raw
-        return self._solved(self.white.one(moved_process(self.problem, shape)))
+        return self._solved(self.white.columns(moved_process(self.problem, shape)))
 
     def _take(self, others: FloatArray, measured: FloatArray, ridge: FloatArray) -> None:
         """Take whitened columns (samples, columns) and measurement (samples,) as the ones to solve."""
@@ -138,7 +138,7 @@ class Solver:
         best, found = np.inf, c
         for _ in range(rounds):
             process = raw @ c
-            off = white.one(problem.measurement - through(problem, shape.sensors, process))
+            off = white.columns(problem.measurement - through(problem, shape.sensors, process))
             rss = float(off @ off)
             if rss >= best:
                 c = 0.5 * (c + found)

@@ -28,6 +28,7 @@ from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confi
 from ..kernels import gap_crossings, play
 from ..record import FloatArray, Frozen, Note
 from ..results import Confirmation
+from ..words import noted
 from .noise import Noise, whitener
 
 BLOCKS, FEWEST_BLOCKS, FOR_EACH_STEP = (400, 1000), 30, 20  # of block means of PV in all; coarse ones blur the steps
@@ -150,11 +151,11 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     """
     data = _blocks(recordings, interval)
     if data is None:
-        return Note("manual_short", f"the stretches in manual are too short: fewer than {FEWEST_BLOCKS} samples")
+        return noted("manual_short", least=FEWEST_BLOCKS)
     if data.span < LEAST_MOTION:
-        return Note("manual_still", f"OP was moved by {data.span:.2g} % in manual: too little to show a dead band")
+        return noted("manual_still", span=data.span)
     if not any(np.ptp(y[used]) > 0.0 for y, used in zip(data.measurement, data.used, strict=True)):
-        return Note("manual_constant", "PV stood at one number while OP was moved in manual: is the transmitter alive?")
+        return noted("manual_constant")
     longest = max(map(np.count_nonzero, data.used)) * data.interval
     answers = _answers(LONGEST * longest, data.interval)
     slow = FOREVER * longest
@@ -219,8 +220,7 @@ def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K:
         noise, answer = model(p)
         y, X, weights = data.whitened(noise, data.columns(stems, [answer]))
         X = X[..., 0]
-        scaled: FloatArray = (y - X @ np.linalg.lstsq(X, y)[0]) / np.exp(np.log(weights).mean())
-        return scaled
+        return np.asarray((y - X @ np.linalg.lstsq(X, y)[0]) / np.exp(np.log(weights).mean()))
 
     first = np.array([0.0, answer.second / answer.lag, answer.delay / unit, 0.0, 0.0])
     ends = (np.minimum([-FARTHEST, 0.0, 0.0, -FARTHEST, -FARTHEST], first), np.maximum(FARTHEST, first))
@@ -312,9 +312,7 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], answers: Sequ
     fits, _ = _likelihoods(X, y, weights, rounds=0)
     if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
-    return Note("manual_no_answer", f"OP was moved over {data.span:.2g} % of its span in manual, and PV did not "
-                "answer: the dead band is at least as wide, or something else keeps the valve or the transmitter from "
-                "moving; a test with larger steps would tell", {"at_least": data.span / 100.0})
+    return noted("manual_no_answer", {"at_least": data.span / 100.0})
 
 
 def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,

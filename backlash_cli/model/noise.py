@@ -50,12 +50,9 @@ class Whitener(Frozen):
     samples: int
 
     def columns(self, X: FloatArray) -> FloatArray:
-        """Return the whitened columns of X (samples, columns)."""
-        return np.asarray(kernels.whiten(np.ascontiguousarray(X), self.a1, self.a2, self.gain, self.weight))
-
-    def one(self, x: FloatArray) -> FloatArray:
-        """Return the whitened x (samples,)."""
-        return self.columns(x.reshape(-1, 1))[:, 0]
+        """Return the whitened columns of X (samples, columns), or the one of X (samples,)."""
+        columns = np.ascontiguousarray(X.reshape(len(X), -1))
+        return np.asarray(kernels.whiten(columns, self.a1, self.a2, self.gain, self.weight)).reshape(X.shape)
 
     def transposed(self, z: FloatArray) -> FloatArray:
         """Return the transposed whitening of z (samples,): <whitened x, z> = <x, transposed z> for every x."""
@@ -135,7 +132,7 @@ def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Nois
     (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5."""
     white = whitener(noise, used, h)
     a1, a2, b = white.a1, white.a2, 1.0 - white.a2
-    innovation = white.one(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
+    innovation = white.columns(np.where(used, error, 0.0)) / np.where(used, white.weight, 1.0)
     to_w, to_l = (white.gain * innovation[:, None]).T
     # both start from nothing, which is what a lag at rest at the 0 put before comes to
     w = kernels.lag(np.append(0.0, to_w), a1, 0.0, a1, 0)[1:]

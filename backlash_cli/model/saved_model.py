@@ -36,11 +36,9 @@ WORDS = {"loop": 'write loop = "FIC101"', "start": "write start = 2026-03-02T06:
          "interval": "give one number: between samples [s]", "rmse_holdout": "give one number: error [PV span]",
          **{key: f"give one number: {words}" for key, words in BASELINE.items()}}  # what to write instead
 # what stands behind each key of a file that is written
-REMARKS = {
-    "loop": "", "start": "  # of the record it was fitted to; times of events count from here", "end": "",
-    "interval": "  # between samples [s]", "pv_range": "", "op_range": "", "output": "  # where OP was then [span]",
-    "rmse_holdout": "  # error on samples the fit did not see",
-}  # fmt: skip
+REMARKS = {"start": "  # of the record it was fitted to; times of events count from here",
+           "interval": "  # between samples [s]", "output": "  # where OP was then [span]",
+           "rmse_holdout": "  # error on samples the fit did not see"}
 
 
 class Baseline(Page, frozen=True):
@@ -63,8 +61,11 @@ class ModelPage(Page, frozen=True):
     interval: Number | None = None
     pv_range: Span = None
     op_range: Span = None
-    rmse_holdout: Number | None = None
     output: Span = None
+    rmse_holdout: Number | None = None
+
+
+PLAIN = [key for key in ModelPage.__struct_fields__ if key not in ("baseline", "effects")]
 
 
 def parse_model(text: str, where: str = "model file") -> Model:
@@ -75,7 +76,7 @@ def parse_model(text: str, where: str = "model file") -> Model:
         span = getattr(page, key)
         if span is not None and not span[0] < span[1]:
             raise MetadataError(f"{key} must rise", where=line_of(text, where, key), remedy=WORDS[key])
-    known = {f: getattr(page, f) for f in page.__struct_fields__ if f not in ("baseline", "effects")}
+    known = {key: getattr(page, key) for key in PLAIN}
     # a time without a zone is UTC
     known |= {k: (v if v.tzinfo else v.replace(tzinfo=UTC)).timestamp() for k, v in known.items()
               if isinstance(v, datetime)}
@@ -118,9 +119,9 @@ def model_text(model: Model) -> str:
         "# Change what you know better, then: backlash compare EXPORT --model THIS_FILE",
         "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds.",
     ]
-    told = {key: getattr(model, key) for key in REMARKS}
+    told = {key: getattr(model, key) for key in PLAIN}
     told |= {key: datetime.fromtimestamp(round(told[key], 3), UTC) for key in ("start", "end") if told[key] is not None}
-    out += [f"{key} = {_value(value)}{REMARKS[key]}" for key, value in told.items() if value is not None]
+    out += [f"{key} = {_value(value)}{REMARKS.get(key, '')}" for key, value in told.items() if value is not None]
     out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}  # {words}" for key, words in BASELINE.items())]
     for entry in model.effects:
         effect = load_effect(entry.reference)

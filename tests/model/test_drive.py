@@ -50,7 +50,7 @@ def test_known_load_is_the_filter_run_on_without_measurements(slow: float, ahead
         seen = used.copy()
         seen[max(k - ahead + 1, 0) : k] = False
         white = whitener(noise, seen, h)
-        innovation = white.one(np.where(seen, error, 0.0))[k]
+        innovation = white.columns(np.where(seen, error, 0.0))[k]
         if seen[k]:
             assert error[k] - got[k] == pytest.approx(innovation / white.weight[k], abs=1e-6)
 

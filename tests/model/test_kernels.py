@@ -49,7 +49,7 @@ def test_innovations_of_the_filter_are_what_whitening_gives(problem):
     for noise in (Noise(1.0, 60.0, 20.0), Noise(0.01, 10.0, 5.0), Noise(30.0, 200.0, 1.0)):
         white = whitener(noise, used, 2.0)
         innovations, log_det = kernels.kalman(error, used, *noise.at_rest(2.0), np.empty((0, 2)), np.empty(0))
-        np.testing.assert_allclose(innovations, white.one(error), atol=1e-10)
+        np.testing.assert_allclose(innovations, white.columns(error), atol=1e-10)
         assert log_det == pytest.approx(white.log_det, rel=1e-12)
 
 
@@ -64,7 +64,7 @@ def test_the_noise_found_is_no_worse_than_any_near_it(problem):
 
     def cost(noise: Noise) -> float:
         white = whitener(noise, used, h)
-        return white.deviance(float(np.sum(white.one(error) ** 2)))
+        return white.deviance(float(np.sum(white.columns(error) ** 2)))
 
     for factor in (0.7, 1.4):
         assert cost(found) < cost(Noise(factor * found.ratio, found.slow, found.fast)) + 0.1

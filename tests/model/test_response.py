@@ -56,7 +56,7 @@ def test_whitening_is_the_exact_likelihood_with_holes() -> None:
     error = np.random.default_rng(1).standard_normal(n)
     white = whitener(noise, used, h)
     C = dense_covariance(noise, h, n)[np.ix_(used, used)]
-    z = white.one(error)
+    z = white.columns(error)
     assert float(z @ z) == pytest.approx(float(error[used] @ np.linalg.solve(C, error[used])), rel=1e-9)
     assert white.log_det == pytest.approx(np.linalg.slogdet(C)[1], rel=1e-9)
     assert white.columns(np.column_stack([error] * 5))[:, 4] == pytest.approx(z)
@@ -68,7 +68,7 @@ def test_adjoints_turn_the_inner_product_around() -> None:
     used = random.random(n) < 0.9
     white = whitener(Noise(2.0, 20.0, 5.0), used, 1.0)
     x, z = random.standard_normal((2, n))
-    assert white.one(x) @ z == pytest.approx(x @ white.transposed(z))
+    assert white.columns(x) @ z == pytest.approx(x @ white.transposed(z))
     u = np.concatenate([[0.0], random.standard_normal(n - 1)])
     assert delayed_lag(u, 1.0, 9.0, 0.0) @ z == pytest.approx(u @ lag_transposed(z, 1.0, 9.0))
 
