@@ -30,7 +30,7 @@ from .sources import Remote, is_export, open_place, stem_of
 from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
-BLOCK = 2 << 20  # bytes of text that are handed on at once: larger ones get fresh memory each
+BLOCK = 4 << 20  # bytes of text that are handed on at once
 SAMPLE = 64 << 10  # bytes that tell how a text is encoded
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20

@@ -27,7 +27,7 @@ from .signals import Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, open_place, stem_of
 from .times import StampReader, micros_of
 
-TOGETHER = 16 << 20  # bytes of samples of text that are one piece, so that there are few to look at and to read again
+TOGETHER = 2 << 20  # cells of text that are one piece, so that there are few to look at and to read again
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -69,7 +69,7 @@ class TextTable:
             except pa.ArrowInvalid:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
-            if tables and (table.schema != tables[0].schema or sum(one.nbytes for one in tables) > TOGETHER):
+            if tables and (table.schema != tables[0].schema or sum(one.num_rows for one in tables) * len(types) > TOGETHER):
                 yield _columns(tables)
                 tables = []
             tables.append(table)
