@@ -29,7 +29,7 @@ COMPLETE = 0.6  # share of a block's samples that must be usable
 SURPRISE = 2.0  # robust standard deviations of the prediction error beyond which it is a surprise
 SURPRISE_LAGS, SURPRISE_SPAN = 6, 8  # blocks: single ones, and the mean over those before
 FREEDOM = 4.0  # of Student's t
-ROUNDS = 4  # of the weights
+ROUNDS, STANDS = 4, 0.05  # of the weights, at most; change of the variance, as a share, from which they stand
 RIDGE = 1e-8  # of the diagonal: columns that repeat each other do no harm
 LEVELS = 50  # at most: of more recordings, neighbours share one
 MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better than that, however little noise there is
@@ -256,7 +256,7 @@ def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64
 def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Coefficients (columns,), Student weights (rows,), H times their root and its Gram matrix, of the regression of y
     on H."""
-    w, weighted = np.ones(len(y)), np.empty_like(H)
+    w, weighted, variance = np.ones(len(y)), np.empty_like(H), np.inf
     for again in range(ROUNDS + 1):
         root = np.sqrt(w)
         np.multiply(H, root, out=weighted)
@@ -265,10 +265,10 @@ def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
         diagonal *= 1.0 + RIDGE
         diagonal += 1e-12
         b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ (root * y)), dtype=np.float64)
-        if again == ROUNDS:
-            break
         error = y - b @ H
-        variance = float(np.mean(w * error**2))
+        before, variance = variance, float(np.mean(w * error**2))
+        if again == ROUNDS or abs(variance - before) < STANDS * variance:
+            break
         if not again:
             variance = min(variance, (1.4 * float(np.median(np.abs(error)))) ** 2)
         w = (FREEDOM + 1.0) / (FREEDOM + error**2 / max(variance, 1e-300))

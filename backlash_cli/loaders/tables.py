@@ -69,7 +69,8 @@ class TextTable:
             except pa.ArrowInvalid:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
-            if tables and (table.schema != tables[0].schema or sum(one.num_rows for one in tables) * len(types) > TOGETHER):
+            cells = len(types) * sum(one.num_rows for one in tables)
+            if tables and (table.schema != tables[0].schema or cells > TOGETHER):
                 yield _columns(tables)
                 tables = []
             tables.append(table)
