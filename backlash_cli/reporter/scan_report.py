@@ -43,7 +43,11 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
     for what cannot be, before any work is done."""
     columns_of(table)
     if form is None and output is not None:
-        form = _SUFFIXES.get(output.suffix.lower(), "table")
+        suffix = output.suffix.lower()
+        if suffix[1:].isalpha() and suffix not in _SUFFIXES:
+            raise UsageError(f"no report is written as {suffix}", where=f"--output {output}",
+                             remedy=f"end the name with one of {', '.join(_SUFFIXES)}, or say which with --format")
+        form = _SUFFIXES.get(suffix, "table")
     if form == "parquet" and output is None:
         raise UsageError("Parquet is not for a terminal", where="--format parquet", remedy="add --output FILE.parquet")
     if table != "loops" and form not in ("csv", "parquet"):

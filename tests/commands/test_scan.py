@@ -94,6 +94,7 @@ def test_rules_look_at_verdict_and_size():
         (["--fail-on", ""], ["no rule"]),
         (["--format", "xml"], ["xml", "json"]),
         (["--format", "parquet"], ["--output"]),
+        (["--output", "report.xlsx"], [".xlsx", ".json, .csv", "--format"]),
         (["--table", "loop", "--format", "csv"], ["loops, estimates"]),
         (["--table", "estimates"], ["--format csv"]),
         (["--jobs", "0"], ["--jobs"]),
