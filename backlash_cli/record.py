@@ -14,6 +14,8 @@ from typing import dataclass_transform
 import numpy as np
 from numpy.typing import NDArray
 
+from .errors import BacklashError
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -27,6 +29,11 @@ def duration(seconds: float, digits: int = 3) -> str:
     units = (("d", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
     name, length = next(((n, u) for n, u in units if seconds >= 1.5 * u), units[-1])
     return f"{float(f'{seconds / length:.{digits}g}'):g} {name}"
+
+
+def utc_text(micros: int) -> str:
+    """Return a stamp [microseconds since 1970 UTC] as readable text, for messages."""
+    return str(np.datetime64(int(micros) // 1_000_000, "s")).replace("T", " ")
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
@@ -57,6 +64,12 @@ class Note(Frozen):
     code: str
     message: str
     values: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
+    """Return an error as a failure of the plant, about a loop or a file."""
+    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
+    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 class LoopSettings(Frozen):

@@ -165,10 +165,14 @@ class Job:
                         client=self.client)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
+        from ..errors import BacklashError
         from ..loaders.plant import open_plant
-        from ..loaders.sources import size_of
+        from ..loaders.sources import find_sources
 
-        with progress("reading", size_of(inputs), shown=self.shown, of_bytes=True) as taken:
+        size = None  # of all files on this machine
+        with contextlib.suppress(BacklashError, OSError):
+            size = sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
+        with progress("reading", size, shown=self.shown, of_bytes=True) as taken:
             return open_plant(list(inputs), loops=self.export.loops, options=self.export.reading, taken=taken,
                               salt=None if self.keep is None else repr(self.options))
 

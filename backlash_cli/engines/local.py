@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
-from ..loaders.signals import Joiner, failure
-from ..record import Note, Record
+from ..loaders.signals import Joiner
+from ..record import Note, Record, failure
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan, scan_blocks
 from .cluster import cores, on_cluster, threads

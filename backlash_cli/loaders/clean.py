@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import LoopError
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
 from ..settings import LoopValues, settings_of
-from ..settings.spans import spans_of
+from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
 from .names import explained, noted
 from .options import ReadOptions
@@ -292,12 +292,3 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     cut = replace(loop, extra={}).changed(part)
     nothing = {role: [replace(items[0], axis=items[0].axis.part(slice(0, 0)))] for role, items in loop.roles.items()}
     return replace(cut, roles=nothing | cut.roles)
-
-
-def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
-    """Map a range to 0..1; always a new array."""
-    low, high = span
-    with np.errstate(over="ignore", invalid="ignore"):
-        found: FloatArray = values - low
-        found *= 1.0 / (high - low)  # in place: no second array of a long record
-    return found

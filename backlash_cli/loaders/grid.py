@@ -1,5 +1,4 @@
 """Stamps in time order, a uniform grid for them, and values brought to its points.
-
 regular: the stamps lie on a grid; rows are put at their grid number, nothing is interpolated.
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
 compressed: the historian left rows out (exception, swinging door); values in between are taken as it means them."""
@@ -14,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, Frozen, IntArray, Note, duration
+from ..record import FloatArray, Frozen, IntArray, Note, duration, utc_text
 from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min
 SECOND = 1_000_000
-DAY = 86_400 * SECOND
-HOUR = 3600 * SECOND
+HOUR, DAY = 3600 * SECOND, 86_400 * SECOND
 OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
 FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
@@ -143,11 +141,6 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     share[[0, -1]] = usual
     rank[: counts[0]] += max(usual - counts[0], 0)
     return stamps + (rank * width) // np.repeat(share, counts)
-
-
-def utc_text(micros: int) -> str:
-    """Return a stamp as readable text, for messages."""
-    return str(np.datetime64(int(micros) // SECOND, "s")).replace("T", " ")
 
 
 class Grid(Frozen, eq=False):

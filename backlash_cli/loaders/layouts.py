@@ -15,10 +15,10 @@ from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_na
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
-from .times import is_midnight
+from .times import DATE, OF_DAY, is_midnight, unit_of_day
 
-BOUNDS, GROUPS, IGNORED, LOOP, TAG, VALUE = (
-    COLUMNS[kind] for kind in ("bound", "group", "ignored", "loop", "tag", "value"))
+BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
+    COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -50,14 +50,28 @@ class Head(Frozen):
     @cached_property
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so."""
-        called = [is_time_name(name) for name in self.names]
+        called = [is_time_name(name) or tag.role == "time" for name, tag in zip(self.names, self.tags, strict=True)]
         found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
-            kind := self.columns[i].type) and (self.is_time(i) or (is_number(kind) and (
-                called[i] or self.tags[i].role == "time")))] or np.flatnonzero(called)[:1].tolist()
+            self.columns[i].type) and (self.is_time(i) or (called[i] and i in self.numbers))] or [
+                i for i, name in enumerate(self.names) if is_time_name(name)][:1]
         if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
             begin = self.columns[0].slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
             found = [0] if len(begin) > 1 and bool(np.all(np.diff(begin) > 0)) else []
-        return found
+        return sorted({*found, *self.parts}) if "year" in self.parts.values() else found
+
+    @cached_property
+    def numbers(self) -> list[int]:
+        return [i for i, column in enumerate(self.columns) if is_number(column.type) or self.kinds[i] == "number"]
+
+    @cached_property
+    def parts(self) -> dict[int, str]:
+        """Columns of numbers that hold year, month, day, hour ... of stamps, and what; dates only if they are whole."""
+        found: dict[str, int] = {}
+        units = OF_DAY if COLUMNS["year"].isdisjoint(self.plain) else (*DATE, *OF_DAY)
+        for i in self.numbers:
+            found |= dict.fromkeys([u for u in units if u not in found and self.plain[i] in COLUMNS[u]][:1], i)
+        clocks = {i: unit_of_day(self.columns[i], self.names[i]) for i in self.numbers if self.plain[i] in CLOCK}
+        return clocks | {i: unit for unit, i in found.items() if unit in OF_DAY or {*DATE} <= found.keys()}
 
     @cached_property
     def texts(self) -> list[int]:
@@ -127,7 +141,7 @@ def _recognise(head: Head) -> str:
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
-    if len(head.times) >= 2 and followed and not any(head.kinds[i] == "clock" for i in head.times):
+    if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
     return "long" if texts and head.times and not wide and name_columns(head, texts) else "wide"
 
@@ -138,9 +152,13 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if not columns:
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
-    dates = [i for i in columns if i not in clocks]
-    if clocks and dates and is_midnight(head.columns[dates[0]], head.names[dates[0]], options, head.where):
-        return (dates[0], clocks[0]), {dates[0], clocks[0]}
+    dates = [i for i in columns if i not in clocks and (
+        is_midnight(head.columns[i], head.names[i], options, head.where))][:1]
+    if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
+        dates = [i for i, unit in head.parts.items() if unit in DATE]
+    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (clocks or u in ("", *DATE))]
+    if dates and of_day:
+        return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_time_name(head.names[i])))
     return (best,), set(columns)
@@ -167,13 +185,22 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     return tuple([i for i in named if heads[i]][:1])
 
 
+def _leading(head: Head) -> int:
+    """How many columns stand before the time of each block of a value, its time and perhaps its quality."""
+    first, second, *_ = *head.times, 0, 0
+    return first if first + len(head.names) - max(head.times, default=0) == second - first and not (
+        {i - 1 for i in head.times} & {-1, *head.times, *head.texts}) else 0
+
+
 def _pairs(head: Head) -> Layout:
     """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
+    lead = _leading(head)
     stamps: list[tuple[int]] = []
     quality: dict[int, int] = {}
     values: list[int] = []
-    for column, end in zip(head.times, [*head.times[1:], len(head.names)], strict=True):
-        block = [i for i in range(column + 1, end) if head.names[i] or not pa.types.is_null(head.columns[i].type)]
+    for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
+        block = [i for i in range(column - lead, end - lead) if i != column and (
+            head.names[i] or not pa.types.is_null(head.columns[i].type))]
         marks = [i for i in block if is_quality_name(head.plain[i]) or head.tags[i].role == "quality"]
         first, *others = [i for i in block if i not in marks] or [-1]
         others = [i for i in others if head.tags[i].loop and head.tags[i].role in SIGNALS]
@@ -203,16 +230,17 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
-    alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)  # of one loop
+    alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
+        len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
     loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
     rest = [v for k, v in head.partition.items() if plain(k) in TAG]
     home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
     if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
-    found = []
+    found, times = [], [column for column, *_ in layout.stamps]
     for i in signals:
-        place = bisect([column for column, *_ in layout.stamps], i) - 1 if pairs else 0
+        place = bisect(times, i) - (layout.values[0] > times[0]) if pairs else 0
         name = header = head.names[i]
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]

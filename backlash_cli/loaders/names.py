@@ -15,8 +15,8 @@ SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 NESTED_LIMIT = 500  # longer names are taken apart once only
-_PART = re.compile(r"(?:^|[.,\-_/:\\|# ]+)([^.,\-_/:\\|# ]+)")
-_BRACKET = re.compile(r"^(.+?)\s*[\[(]([^\[\]()]+)[\])]$")
+_PART = re.compile(r"(?:^|[.,\-_/:\\|#$~ ]+)([^.,\-_/:\\|#$~ ]+)")
+_BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=)")  # \\SERVER\ or ns=2;s= before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
@@ -36,7 +36,7 @@ class Tag(Frozen):
 @lru_cache(1 << 16)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s.,_\-/:\\#*'\"|]+", "", _UNIT.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|$~]+", "", _UNIT.sub("", text)).lower()
 
 
 def explained(name: str, **values: object) -> dict[str, str]:
@@ -74,19 +74,19 @@ def is_quality_name(word: str) -> bool:
 
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
-    """Take a tag or column name apart.
-
-    >>> split_tag("FIC101.PV").loop, split_tag("FIC101_OUT").role, split_tag("FIC101.PV.Quality").of
-    ('FIC101', 'op', 'FIC101.PV')
-    """
+    """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
     name = _SERVER.sub("", text.strip())
+    name = name.replace('"', "") if name.startswith('"') else name  # ns=3;s="FIC101"."PV"
     described = _DESCRIBED.match(name) if len(name) <= NESTED_LIMIT else None
     if described and plain(described[2]) not in COLUMNS["time"] and not is_quality_name(plain(described[2])):
         tag = split_tag(described[1])
         if tag.loop and tag.role in SIGNALS:
             return tag
-    bracket = _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None
-    name = f"{bracket[1]}.{bracket[2]}" if bracket and signal_role(bracket[2]) else _UNIT.sub("", name)
+    if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
+        if split_tag(bracket[2]).loop and split_tag(bracket[2]).role in SIGNALS and not split_tag(bracket[1]).role:
+            return split_tag(bracket[2])  # avg(FIC101.PV)
+        name = (f"{bracket[2]}.{bracket[1]}" if "{" in name and signal_role(bracket[1]) else
+                f"{bracket[1]}.{bracket[2]}" if signal_role(bracket[2]) else bracket[1] or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)
@@ -97,14 +97,14 @@ def split_tag(text: str) -> Tag:
     marks = is_quality_name(last)
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
-    # FIC101.PV; "FIC101 Set Point" of two words; PLANT.FIC101_PV.F_CV before what the data base calls the value
-    for drop, words in product((0, 1, 2), (1, 2)):
+    # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
+    for drop, words in product((2, 1, 0), (3, 2, 1)):
         kept = parts[: len(parts) - drop]
         end = parts[-drop].start() if drop else len(name)
         if len(kept) > words and (not drop or plain(name[end:]) in COLUMNS["attribute"]):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
-                return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:"))
+                return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
     first = signal_role(parts[0][1])
     if first and len(parts[0][1]) > 1 and not is_time_name(parts[-1][1]):  # PV_FIC101
         return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])

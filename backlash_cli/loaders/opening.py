@@ -26,7 +26,7 @@ from .cells import decimal_sign
 from .layouts import Head
 from .names import COLUMNS, WORDS, explained, is_quality_name, is_time_name, noted, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import Remote, is_export, open_place, stem_of
+from .sources import Remote, is_export, stem_of
 from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
@@ -45,7 +45,8 @@ _NUMBER = re.compile(
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
-DELIMITERS = (",", ";", "\t", "|")
+DELIMITERS = (",", ";", "\t", "|", " ")
+_ALIGNED = re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d))*$")
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED = 8  # lines at most of one cell in quotes
 Line = tuple[int, int, str]
@@ -57,7 +58,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         if not path.is_file():
             raise InputError(**explained("no_file"), where=str(path))
         if not magic:
-            with open_place(path) as file:
+            with path.open("rb", buffering=0) as file:
                 magic = file.read(64)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
@@ -90,7 +91,7 @@ class Text:
 
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0
-        with part() if part else open_place(self.path) as file:
+        with part() if part else self.path.open("rb", buffering=0) as file:
             magic = file.read(16)
             file.seek(0)
             codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)),
@@ -209,7 +210,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     """Return (stem, what opens it) of the exports in a zip archive. Raises InputError without any."""
     try:
-        archive = ZipFile(open_place(path))
+        archive = ZipFile(path.open("rb", buffering=0))
         found = [(stem_of(Path(name)), partial(archive.open, name)) for name in archive.namelist()
                  if is_export(PurePosixPath(name).name)]
         for _, opened in found:
@@ -226,7 +227,7 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     import pandas as pd
 
     try:
-        with open_place(path) as file:
+        with path.open("rb", buffering=0) as file:
             book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
     except ImportError:
         raise InputError(**explained("no_calamine"), where=str(path)) from None
@@ -248,6 +249,11 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     if not lines:
         raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
+    if not (options.delimiter or declared) and 2 * sum(bool(_ALIGNED.match(lines[i][2])) for i in last) > len(last):
+        text.rest = (bytearray(re.sub(rb"  +", b"\t", re.sub(rb"(?m)^ +| +(?=\r?$)", b"", block)))
+                     for block in chain([text.head], text.rest))
+        text.head = next(text.rest)
+        return head_of(text, stem, partition)
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))
@@ -257,7 +263,10 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     kinds = _column_kinds(tail, width)
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
-        raise _without_data([cells(i) for i in range(min(10, len(lines)))], width, options, where)
+        named = all(score_names(cells(i)) > 0 for i in range(min(10, len(lines))))
+        name = ("wrong_delimiter" if width < 2 and options.delimiter else "only_a_header" if named else
+                "no_columns" if width < 2 else "no_measurements")
+        raise InputError(**explained(name, delimiter=options.delimiter), where=where)
     before = {lines[i][0]: cells(i) for i in range(first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     numbers = [c for row in (*data, *tail) for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
@@ -265,7 +274,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    return Head(where, stem, column_names(before, width, options, where), (), kinds, partition,
+    return Head(where, stem, header_of(before, kinds, options, where), (), kinds, partition,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end)
 
@@ -301,7 +310,9 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
         hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
-        return any(hits) and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
+        filled = not times or any(cell.strip() for i, cell in enumerate(own) if i < len(kinds) and (
+            i not in times and kinds[i] != "empty"))  # a period above the header has no values
+        return any(hits) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
             COMMENT.match(own[0]) and kind(own[0]) == "text")
 
     count = len(lines)
@@ -309,19 +320,9 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
                  and (i + 1 == count or any(map(is_data, range(i + 1, min(i + 4, count)))))), None)
 
 
-def _without_data(begun: list[list[str]], width: int, options: ReadOptions, where: str) -> InputError:
-    name = "no_measurements"
-    if width < 2 and options.delimiter:
-        name = "wrong_delimiter"
-    elif all(score_names(cells) > 0 for cells in begun):
-        name = "only_a_header"
-    elif width < 2:
-        name = "no_columns"
-    return InputError(**explained(name, delimiter=options.delimiter), where=where)
-
-
-def column_names(before: dict[int, list[str]], width: int, options: ReadOptions, where: str) -> tuple[str, ...]:
+def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadOptions, where: str) -> tuple[str, ...]:
     """Return the names from the lines above the data, by their numbers; a two-line header is put together."""
+    width = len(kinds)
     if options.columns or options.header_row is not None:
         given = list(options.columns) or before.get(options.header_row or 0)
         if not given:
@@ -332,7 +333,10 @@ def column_names(before: dict[int, list[str]], width: int, options: ReadOptions,
     rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
     if not rows:
         raise InputError(**explained("no_header"), where=where)
-    rows = [_fit(row, width) for row in rows[-8:]]
+    # one cell too few: nothing stands above row numbers, or above the time of day
+    unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
+    rows = [_fit(row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
+                 [*row[:unnamed], "", *row[unnamed:]], width) for row in rows[-8:]]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
     names = rows[best]
     words = [plain(name) for name in names if name]
@@ -385,11 +389,7 @@ def _fit(cells: Sequence[str], width: int) -> list[str]:
 
 @lru_cache(1 << 14)
 def kind(cell: str) -> str:
-    """Return "empty", "time" (date, with or without clock), "clock", "number" or "text".
-
-    >>> [kind(c) for c in ("17-Mar-26 08:00:00", "08:00:00", "4,050.7", "405.3 m3/h", "Bad Input", "")]
-    ['time', 'clock', 'number', 'number', 'text', 'empty']
-    """
+    """Return "empty", "time" (date, with or without clock), "clock", "number" (as 4,050.7 or 405.3 m3/h) or "text"."""
     text = cell.strip(" \t\"'")
     if not text or len(text) > 60:
         return "text" if text else "empty"

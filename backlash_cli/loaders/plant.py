@@ -10,13 +10,13 @@ import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
-from ..record import Frozen, Note, Record
+from ..record import Frozen, Note, Record, failure, utc_text
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
-from .grid import NAT, utc_text
+from .grid import NAT
 from .names import explained, noted, some
 from .options import ReadOptions, check_pattern, parse_since, sample_size
-from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, failure
+from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 

@@ -1,7 +1,5 @@
 """Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop.
-
-A Store keeps columns in memory as long as they are few, else in one scratch file, which has no name where the system
-allows it, so that nothing is left behind even when the program is killed."""
+A Store keeps few columns in memory, more in one scratch file without a name: nothing is left behind when killed."""
 
 from __future__ import annotations
 
@@ -26,7 +24,6 @@ from .names import SIGNALS, explained, noted, plain, some
 from .states import good_samples, lone_zeros
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
-ENDLESS = 1 << 62  # bytes
 PIECE = 1 << 20  # rows that are looked at together
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
@@ -204,7 +201,7 @@ class Axis(Frozen, eq=False):
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
         if not isinstance(self.rows, Store):
             return self
-        store = Store(Room(ENDLESS), stays=True)
+        store = Store(Room(1 << 62), stays=True)  # in memory
         store.lexicons = self.rows.lexicons
         piece: Piece = {self.column: self.read()}
         for column in columns:
@@ -233,12 +230,6 @@ class Series(Frozen, eq=False):
 
     def marks(self) -> Cells | None:
         return self.axis.cells(f"v{self.marked}") if self.quality else None
-
-
-def failure(error: BacklashError, *, loop: str = "", file: str = "") -> Note:
-    """Return an error as a failure of the plant, about a loop or a file."""
-    values: dict[str, float | str] = {key: value for key, value in (("loop", loop), ("file", file)) if value}
-    return Note(error.code, f"{loop}: {error}" if loop else str(error), values)
 
 
 @dataclass

@@ -14,7 +14,7 @@ from operator import truediv
 from os import PathLike
 from pathlib import Path, PurePosixPath
 from types import SimpleNamespace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
 
@@ -42,10 +42,6 @@ def place(given: str | PathLike[str]) -> Path | Remote:
         parts = urlsplit(text)
         return Path(url2pathname(unquote(f"//{parts.netloc}{parts.path}" if parts.netloc else parts.path)))
     return Remote(text)
-
-
-def open_place(path: Path | Remote) -> BinaryIO:
-    return path.open_bytes() if isinstance(path, Remote) else open(path, "rb", buffering=0)
 
 
 class Remote(str):
@@ -91,11 +87,10 @@ class Remote(str):
         version = next((f"{info.get('size')} {info[key]}" for key in _VERSIONS if info.get(key)), "")
         return SimpleNamespace(st_size=int(info.get("size") or 0), version=version)
 
-    def open_bytes(self) -> BinaryIO:
+    def open(self, mode: str = "rb", buffering: int = 0) -> BinaryIO:
         """Open the object for reading; it is fetched in blocks, only where it is read."""
         with self._in_words():
-            opened: Any = self._system[0].open(self._system[1], "rb", block_size=BLOCK)
-            return opened
+            return cast(BinaryIO, self._system[0].open(self._system[1], mode, block_size=BLOCK))
 
     def files_below(self) -> list[tuple[str, ...]]:
         """Return the files in and below a folder as (folder, ..., name)."""
@@ -253,7 +248,7 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
     path = place(path)
     try:
-        with open_place(path) as file:
+        with path.open("rb", buffering=0) as file:
             text = file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         name = "no_loops_file" if isinstance(error, FileNotFoundError) else (
@@ -261,11 +256,3 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
         raise MetadataError(**explained(name, problem=getattr(error, "strerror", "")), where=str(path)) from None
     parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
     return parse(text, str(path))
-
-
-def size_of(inputs: Sequence[str | PathLike[str]]) -> int | None:
-    """Return the bytes of all files behind the inputs on this machine, None where that cannot be known quickly."""
-    try:
-        return sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
-    except (BacklashError, OSError):
-        return None

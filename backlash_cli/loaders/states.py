@@ -117,8 +117,6 @@ def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, l
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    if not flags.any():
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges[0::2], edges[1::2]
 
@@ -154,7 +152,6 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a measurement repeats one number for longer than its own noise allows.
-
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
     valve does in its dead band: it must do so for QUIET_SHARE of the record."""

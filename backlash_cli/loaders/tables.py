@@ -6,6 +6,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, islice
+from sys import intern
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,10 @@ from .names import explained, noted, signal_role
 from .opening import Text, head_of, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sources import Remote, Source, open_place, stem_of
+from .sources import Remote, Source, stem_of
 from .times import StampReader, micros_of
 
-TOGETHER = 2 << 20  # cells of text that are one piece, so that there are few to look at and to read again
+TOGETHER = 4 << 20  # cells of text that are one piece, so that there are few to look at and to read again
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -111,7 +112,7 @@ def _columns(tables: list[pa.Table]) -> Batch:
 def open_parquet(path: Any) -> pa_parquet.ParquetFile:
     """Open a file, or return it as it was opened lately. Raises InputError where it is damaged."""
     try:
-        return pa_parquet.ParquetFile(open_place(path) if isinstance(path, Remote) else path)
+        return pa_parquet.ParquetFile(path.open() if isinstance(path, Remote) else path)
     except FileNotFoundError:
         raise InputError(**explained("not_shared"), where=str(path)) from None
     except (pa.ArrowException, OSError) as error:
@@ -228,7 +229,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     if not layout.naming:  # what is still blank may be a tag of the loops file
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
         columns = [i for i in columns if i in needed or i in blank]
-    readers = [StampReader([head.names[i] for i in pair], options, head.where) for pair in layout.stamps]
+    readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair])
+               for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
@@ -236,7 +238,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
             values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
-            piece |= {f"v{i}": values} if codes is None else {f"v{i}": values, f"v{i}w": codes}
+            name = intern(f"v{i}")  # pieces of a large file are many
+            piece |= {name: values} if codes is None else {name: values, f"{name}w": codes}
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:

@@ -12,28 +12,18 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
-from .cells import codes_and_words, is_number, is_text, plain_numbers, to_array
+from .cells import codes_and_words, is_number, is_text, plain_numbers, stored, to_array
 from .grid import DAY, HOUR, NAT, SECOND
 from .names import WORDS, explained, noted, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
-_CLOCK = (r"(?P<h>\d{1,2})[:.h](?P<mi>\d{2})(?:[:.](?P<s>\d{2})(?:[.,:](?P<f>\d{1,9})\d*)?)?"
-          r"\s*(?P<ap>[AaPp]\.?\s?[Mm]\.?)?\s*"
-          r"(?P<z>Z|z|[+-]\d{1,2}:?\d{0,2}|[A-Z]{2,5}(?:[+-]\d{1,2}(?::?\d{2})?)?)?")  # fmt: skip
-_DATED = (rf"^\s*(?:{LETTER}{{2,10}}\.?,?\s+)?(?P<a>\d{{1,4}}|{LETTER}{{3,12}}\.?)(?P<sep>[-/. ]+)"
-          rf"(?P<b>\d{{1,2}}|{LETTER}{{3,12}}\.?)[-/. ,]+(?P<c>\d{{1,4}})(?:[T_ ,:]+{_CLOCK})?"
-          r"\s*(?:\[[^\]]*\]|\([^)]*\))?\s*$")  # fmt: skip
-_COMPACT = (r"^\s*(?P<a>(?:19|20)\d{2})(?P<sep>)(?P<b>\d{2})(?P<c>\d{2})(?:[T_ -]?(?P<h>\d{2}):?(?P<mi>\d{2})"
-            r"(?::?(?P<s>\d{2})(?:[.,]?(?P<f>\d{1,9}))?)?)?\s*(?P<ap>)(?P<z>Z|[+-]\d{2}:?\d{0,2})?\s*$")  # fmt: skip
-_OF_DAY = rf"^\s*{_CLOCK}\s*$"
-_REWRITTEN = (  # blanks that do not break a line, quotes, East Asian date signs, the year at the end
-    ("[\u00a0\u2009\u202f]", " "), (r"^\s*['\"]|['\"]\s*$", ""), (r"^(\d{4})年(\d{1,2})月(\d{1,2})日", r"\1-\2-\3"),
-    (rf"^\s*{LETTER}{{3}}\s+({LETTER}{{3}}\s+\d{{1,2}})\s+(\d{{1,2}}:\d{{2}}:\d{{2}})\s+((?:[A-Z]{{3,4}}\s+)?)(\d{{4}})"
-     r"\s*$", r"\1 \4 \2 \3"),
-)  # fmt: skip
+_DATED, _COMPACT, _OF_DAY = (form.replace("CLOCK", WORDS["stamps"]["clock"]).replace("LETTER", LETTER)
+                             for form in WORDS["stamps"]["forms"])
+_REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in WORDS["stamps"]["rewritten"]]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
+DATE, OF_DAY, _DIGITS = ("year", "month", "day"), ("hours", "minutes", "seconds", "millis"), {"hhmm": 100, "hhmmss": 1}
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
@@ -145,11 +135,12 @@ def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
 
 
 class StampReader:
-    """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day."""
+    """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day.
+    units: of each that holds a part of them, what part it is."""
 
-    def __init__(self, names: Sequence[str], options: ReadOptions, where: str) -> None:
-        self.name, self.options, self.where, self.form = names[0], options, where, options.time_format or ""
-        self.notes: list[Note] = []
+    def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",)) -> None:
+        self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
+        self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
@@ -161,14 +152,9 @@ class StampReader:
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
-        column = columns[0]
-        if len(columns) == 2 and "%" in self.form:
-            day = self._texts(column)
-            clock = read_dates([text or "" for text in columns[1].cast(pa.string()).to_pylist()])[0]
-            return np.where((day == NAT) | (clock == NAT), NAT, day + clock % DAY)
-        if len(columns) == 2:
-            date = pc.replace_substring_regex(column.cast(pa.string()), r"[T ]0?0:00(:00(\.0*)?)?$", "")
-            column = pc.binary_join_element_wise(date, columns[1].cast(pa.string()), " ")
+        if len(columns) > 1:
+            return self._joined(columns)
+        (column,) = columns
         if pa.types.is_dictionary(column.type) and not is_text(column.type.value_type):
             column = column.cast(column.type.value_type)
         kind = column.type
@@ -184,6 +170,34 @@ class StampReader:
         if is_number(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
         raise InputError(**explained("no_stamps", column=self.name, kind=kind), where=self.where)
+
+    def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
+        """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
+        numbers = [np.where(np.isfinite(values := stored(column, {})[0]), values, np.nan) for column in columns]
+        # more than the first rows showed
+        if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
+            if self._zones:
+                raise InputError(**explained("hhmm", column=self.name), where=self.where)
+            self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]
+        given = dict(zip(self.units, numbers, strict=True))
+        if (year := given.get("year")) is not None:
+            numbers[0] = np.where(year < 100, year + 2000, year) * 1e4 + given["month"] * 100.0 + given["day"]
+        self._unit = "digits" if (counted := 2 * np.isfinite(numbers[0]).sum() > len(numbers[0])) else self._unit
+        stamps = self._numbers(numbers[0]) if counted else self.take(columns[:1])
+        clock = np.zeros(len(stamps))
+        for column, values, unit in zip(columns[1:], numbers[1:], self.units[1:], strict=True):
+            if unit in _DIGITS:
+                clock += _of_digits(values * _DIGITS[unit])
+            elif unit in _UNITS:  # parts of a day are rounded, as in a spreadsheet
+                clock += np.rint(values * _UNITS[unit][0] / 1000) * 1000
+            elif not unit:
+                codes, words = codes_and_words(column.cast(pa.string()))
+                micros, zoned, _ = read_dates(words)
+                clock += np.append(micros, NAT)[codes]
+                self._zones |= {True} if zoned.any() else set()
+                self._shown_open += f" {words[0]}" if self._shown_open and words else ""
+        known = (stamps != NAT) & (np.abs(clock) <= DAY)
+        return np.where(known, stamps + np.where(known, clock, 0.0).astype(np.int64), NAT)
 
     def finish(self) -> Callable[[IntArray], IntArray]:
         """Return what gives the stamps in UTC, to be called for all rows in file order. Raises InputError when there
@@ -337,8 +351,26 @@ class StampReader:
             return np.where(np.abs(scaled) < LIMIT, np.rint(scaled).astype(np.int64), NAT)
 
 
+def _of_digits(values: FloatArray) -> FloatArray:
+    """Microseconds of times of day written as HHMMSS, nan for what is none."""
+    hour, minute, second = values // 10_000, values // 100 % 100, values % 100
+    return np.where((hour < 24) & (minute < 60) & (second < 60), (hour * 3600 + minute * 60 + second) * SECOND, np.nan)
+
+
+def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
+    """Return what numbers in a column of times of day are: HHMMSS, HHMM, parts of a day, what the name says, or ""."""
+    known, unit = (values := stored(column, {})[0])[np.isfinite(values)], _unit_of(np.zeros(1), name)
+    form = plain(name) if plain(name) in _DIGITS else "days" if np.max(known, initial=0.0) <= 1.0 else (
+        "hhmm" if known.max() < 2400 else "hhmmss")
+    digits = unit == "seconds" and not np.isnan(_of_digits(known * _DIGITS.get(form, 1))).any()
+    return form if digits else unit if np.max(known, initial=0.0) * _UNITS[unit][0] <= DAY else ""
+
+
 def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
     """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
+    if is_number(column.type):  # 20260317
+        known = stored(column, {})[0]
+        return bool(np.all((known >= 1.9e7) & (known < 2.2e7) | np.isnan(known)))
     stamps = StampReader([name], options, where).take([column])
     stamps = stamps[stamps != NAT]
     return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)

@@ -71,3 +71,12 @@ def _round_up(value: float) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
         steps = 10.0 ** np.floor(np.log10(value)) * np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
     return float(steps[np.argmax(steps >= value * (1 - 1e-12))])
+
+
+def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
+    """Map a range to 0..1; always a new array."""
+    low, high = span
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: FloatArray = values - low
+        found *= 1.0 / (high - low)  # in place: no second array of a long record
+    return found

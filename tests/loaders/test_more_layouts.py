@@ -7,9 +7,13 @@ from __future__ import annotations
 
 import io
 import zipfile
+from datetime import timedelta
 
 import pyarrow as pa
 import pytest
+
+from backlash_cli.errors import BacklashError
+from backlash_cli.loaders import read
 
 from .exports import RANGES, SETTINGS, SIGNALS, STAMPS, Export, arrow, cell, iso, long, wide
 from .test_layouts import comma, same_recording, seconds, single
@@ -60,7 +64,52 @@ def row(loop, i):
     return ",".join(cell(f"{loop}.{s}", SIGNALS[f"{loop}.{s}"][i]) for s in ("OP", "PV", "SP"))
 
 
+def blanks(time, widths=(24, 14), name="timestamp", number=str, before="", after=""):
+    """Columns that are aligned with blanks, as reports are printed."""
+    rows = [(name, SIGNALS), *((time(t), [number(cell(n, v[i])) for n, v in SIGNALS.items()])
+                               for i, t in enumerate(STAMPS))]
+    return before + "".join(f"{first:<{widths[0]}}" + "".join(f"{c:>{widths[1]}}" for c in own) + "\n"
+                            for first, own in rows) + after
+
+
+def renamed(**words):
+    """A name of each signal in the words of a control system: loop between braces."""
+    return lambda name: words[name.split(".")[1]].format(name.split(".")[0])
+
+
 MORE = {
+    "pcs7": Export({"plant.csv": wide(name=renamed(SP='"{}|SP_Out#Value"', PV='"{}|PV_Out#Value"', OP='"{}|MV#Value"'))}),
+    "pcs7_long": Export({"plant.csv": long(lambda n,t,v:f'"{n.replace(".", "|").replace("OP", "MV").replace("V", "V_Out")}#Value";"{t:%d.%m.%Y %H:%M:%S}";{v.replace(".", ",")};1','"VarName";"TimeString";"VarValue";"Validity"')}),
+    "behind_the_signal": Export({"plant.csv": wide(name=renamed(SP="{}_SP_EU", PV="{}.PV_ACT", OP="{}.OP_pct"))}),
+    "two_words": Export({"plant.csv": wide(name=renamed(SP="{}|Set Point", PV="{}|Process Variable", OP="{}|Controller Output"))}),
+    "mean_of_tag": Export({"plant.csv": wide(name=renamed(SP="avg({}.SP)", PV="Feed flow [{}.PV]", OP="[{}.OP]"))}),
+    "labels": Export({"plant.csv": wide(name=renamed(SP='"SP {{loop=""{}""}}"', PV='"PV {{loop: {}}}"', OP="plant.mean{{tag={}.OP}}"))}),
+    "cv": Export({"plant.csv": wide(name=renamed(SP="{}.SP", PV="{}.PV", OP="{}.CV"))}),
+    "cv_per_tag": Export({f"{n.replace('.', '_')}.csv": "Timestamp,CV\n"+"".join(f"{iso(t)},{cell(n, x)}\n" for t,x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "node_quoted": Export({"plant.csv": wide(name=renamed(SP='"ns=3;s=""{}"".""SP"""', PV='"ns=3;s=""{}"".""PV"""', OP='"ns=3;s=""{}"".""OP"""'))}),
+    "blanks_iso": Export({"plant.txt": blanks(iso)}),
+    "blanks_report": Export({"plant.txt": blanks(lambda t: f"{t:%d-%b-%Y %H:%M:%S}", before="Report of unit 7\nPrinted 18-Mar-2026 08:00\n\n", after="\nEnd of report\n")}),
+    "blanks_am_pm": Export({"plant.txt": blanks(lambda t: f"  {t:%m/%d/%Y %I:%M:%S %p}", widths=(28, 14))}),
+    "blanks_comma": Export({"plant.txt": blanks(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", number=lambda x: x.replace(".", ",")).replace("\n", "\r\n")}),
+    "blanks_date_apart": Export({"plant.txt": blanks(lambda t: f"{t:%Y-%m-%d  %H:%M:%S}")}),
+    "blank_between": Export({"plant.txt": wide(lambda t: f"{t:%Y-%m-%d %H:%M:%S}", delimiter=" ")}),
+    "date_clock_digits": Export({"plant.csv": wide(lambda t: f"{t:%Y%m%d},{int(f'{t:%H%M%S}')}", time_name="Date,Time")}),
+    "date_clock_footer": Export({"plant.csv": wide(lambda t: f"{t:%Y%m%d},{t:%H%M%S}", time_name="Date,Time") + "Mean,,1,1,1,1,1,1\n"}, notes=("unreadable_times",)),
+    "date_digits": Export({"plant.csv": wide(lambda t: f"{t:%Y%m%d;%H:%M:%S}", time_name="Datum;Uhrzeit", delimiter=";", value=comma)}),
+    "date_seconds": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y};{seconds(t) % 86400:.0f}", time_name="Datum;Sekunden", delimiter=";")}),
+    "date_time_in_seconds": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d},{seconds(t) % 86400:.1f}", time_name="Date,Time (s)")}),
+    "date_time_in_ms": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d},{seconds(t) % 86400 * 1e3:.0f}", time_name="Date,Time [ms]")}),
+    "date_part_of_day": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d},{seconds(t) % 86400 / 86400:.9f}", time_name="Date,Time")}),
+    "parts_of_time": Export({"plant.csv": wide(lambda t: f"{t:%Y,%m,%d,%H,%M,%S}", time_name="YYYY,MM,DD,HH,mm,ss") + "Mean,,,,,,1,1,1,1,1,1\n"}, notes=("unreadable_times",)),
+    "parts_of_time_de": Export({"plant.csv": wide(lambda t: f"{t:%d;%m;%Y;%H;%M;%S}", time_name="Tag;Monat;Jahr;Stunde;Minute;Sekunde", delimiter=";", value=comma)}),
+    "parts_in_parquet": Export({"plant.parquet": pa.table({**{w: [getattr(t, w) for t in STAMPS] for w in ("year", "month", "day", "hour", "minute", "second")}, **SIGNALS})}),
+    "parts_beside_stamps": Export({"plant.csv": wide(lambda t: f"{iso(t)},{t:%Y,%m,%d,%H}", time_name="timestamp,year,month,day,hour")}),
+    "parts_beside_epoch": Export({"plant.csv": wide(lambda t: f"{seconds(t):.0f},{t:%Y,%m,%d,%H}", time_name="time,year,month,day,hour")}),
+    "date_and_parts": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d},{t.hour},{t.minute},{t.second}", time_name="Date,Hour,Minute,Second")}),
+    "long_date_clock_digits": Export({"plant.csv": long(lambda n,t,v:f"{n},{t:%Y%m%d},{t:%H%M%S},{v},192","TAG,DATE,TIME,VALUE,QUAL")}),
+    "value_before_time": Export({"plant.csv": ",".join(f"{n}.Value,{n}.Timestamp,{n}.Quality" for n in SIGNALS)+"\n"+"".join(",".join(f"{cell(n, v[i])},{iso(t)},192" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
+    "row_numbers_unnamed": Export({"plant.csv": (w := wide().splitlines())[0]+"\n"+"".join(f'"{i}",{line}\n' for i,line in enumerate(w[1:], 1))}),
+    "period_above": Export({"plant.csv": "Report,,,,,,,\n,Start,,,,,,\nFrom,2026-03-17 22:00,,,,,,\n" + "".join(f",{line}\n" for line in wide().splitlines())}),
     "lead_index": Export({"plant.csv": "\n".join((f",{r}" if i==0 else f"{i-1},{r}") for i,r in enumerate(wide().splitlines()))+"\n"}),
     "unit1": Export({"plant.csv": wide(name=lambda n:"AREA1/"+n)}),
     "described": Export({"plant.csv": wide(name=lambda n: f"{n} - Feed flow, unit 7", delimiter=";")}),
@@ -145,3 +194,36 @@ for key, (separator, decimal, delimiter) in GROUPED.items():
 @pytest.mark.parametrize("key", MORE)
 def test_rarer_export_gives_the_recording(key, tmp_path):
     same_recording(MORE[key], tmp_path)
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    (wide(lambda t: f"2026,{13 + t.second % 5},{t:%d,%H,%M,%S}", time_name="Year,Month,Day,Hour,Minute,Second"), "Month"),
+    (wide(lambda t: f"{t:%Y%m%d},{990000 + t.second}", time_name="Date,Time"), "time"),
+    (wide(lambda t: f"{t:%Y,%m,%d}", time_name="Year,Month,Day"), "time"),
+    (wide(name=renamed(SP="{}.PV_HH", PV="{}.PV_LL", OP="{}.PV_HI")), "SP, PV or OP"),
+    ('{\n "data": [1, 2, 3]\n}\n', "JSON"),
+])
+def test_parts_that_make_no_time_or_loop_are_refused(tmp_path, text, said):
+    (tmp_path / "plant.csv").write_text(text)
+    with pytest.raises(BacklashError, match=said):
+        read(tmp_path / "plant.csv")
+
+
+def test_milliseconds_may_stand_in_a_column_of_their_own(tmp_path):
+    """As controllers log them: date, time of day, and what is behind the second."""
+    times = [STAMPS[0] + timedelta(milliseconds=250 * i) for i in range(len(STAMPS))]
+    rows = (f"{t:%m/%d/%Y;%H:%M:%S};{t.microsecond // 1000};{row('FIC101', i).replace(',', ';')}" for i, t in enumerate(times))
+    (tmp_path / "FIC101.csv").write_text("Date;Time;Millitm;OP;PV;SP\n" + "\n".join(rows) + "\n")
+    record = read(tmp_path / "FIC101.csv")["FIC101"]
+    assert record.interval == 0.25 and len(record) == len(STAMPS) and record.start == seconds(STAMPS[0])
+
+
+@pytest.mark.parametrize(("form", "name", "step"), [("%H%M%S", "Time", 1), ("%H%M", "Time", 60), ("%H%M%S", "HHMMSS", 1)])
+def test_times_of_day_as_numbers_may_begin_at_midnight(tmp_path, form, name, step):
+    """00:00:01 written as 1 is told from 00:01 by what follows."""
+    begin = STAMPS[0].replace(hour=0, minute=0, second=0)
+    times = [begin + timedelta(seconds=step * i) for i in range(1000 if name == "HHMMSS" else 3000)]
+    rows = (f"{t:%Y%m%d},{int(t.strftime(form))},{50 + i % 7},{40 + i % 5},{i % 90}" for i, t in enumerate(times))
+    (tmp_path / "FIC101.csv").write_text(f"Date,{name},SP,PV,OP\n" + "\n".join(rows) + "\n")
+    record = read(tmp_path / "FIC101.csv")["FIC101"]
+    assert record.interval == step and len(record) == len(times) and record.start == seconds(times[0])
