@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,11 +60,20 @@ def report(output: Path, **wear: Any) -> None:
     say(f"report of {counted(len(places), 'loop')} written to {output}")
 
 
+def moment_of(date: str) -> float:
+    """Return a day or time (UTC unless it has an offset) as epoch seconds; a day means its first moment."""
+    try:
+        found = datetime.fromisoformat(date.strip())
+    except ValueError:
+        raise UsageError(f"{date!r} is no day", where="--repair", remedy="as 2026-03-02 or 2026-03-02T14:30") from None
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+
+
 @command
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    from ..history.plant import chosen, moment_of, rows_of
+    from ..history.plant import chosen
     from ..history.store import History
     from ..results.history import day_of
 
@@ -87,9 +97,9 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
                                  remedy=f"entered are: {days}")
             say(f"repair of {name} on {date} taken back")
         if target is not None:
-            from ..reporter.tables import write_rows
+            from ..reporter.tables import history_rows, write_rows
 
-            rows = rows_of(store, table or "nights", names)
+            rows = history_rows(store, table or "nights", names)
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table or 'nights'} written to {target}")
         if not (repair or remove_repair or target):

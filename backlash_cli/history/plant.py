@@ -1,4 +1,4 @@
-"""The whole history at once: nights, wear and the order of repair; repairs as people type them; plain tables.
+"""The whole history at once: nights, wear and the order of repair.
 
 The rule of the order, which valves to pull at the next shutdown and which to leave alone. First the group:
 1. pull: even the lower end of the interval of the present dead band is above the limit, and at least three nights
@@ -14,14 +14,12 @@ over the plant's median.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
 from ..errors import UsageError, nearest
 from ..results import Verdict
-from ..results.history import DAY, Night, Place, Wear, day_of
+from ..results.history import DAY, Night, Place, Wear
 from .limits import Limits
 from .store import History
 from .trend import wear
@@ -32,7 +30,6 @@ ENOUGH = 3  # nights with a size that a valve is pulled for
 NEAR = 0.7
 RECENT = 14  # nights that stand for the present
 ORDER = ("pull", "room", "watch", "leave", "check")
-TABLES = ("nights", "half_periods", "repairs", "runs")
 
 
 def plant_history(history: History, limits: Limits, *, loops: Sequence[str] = (), horizon: float = HORIZON
@@ -87,44 +84,3 @@ def chosen(history: History, names: Sequence[str]) -> list[str]:
         if name not in known:
             raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
     return [name for name in known if not names or name in names]
-
-
-def moment_of(date: str) -> float:
-    """Return a day or time (UTC unless it has an offset) as epoch seconds; a day means its first moment."""
-    try:
-        found = datetime.fromisoformat(date.strip())
-    except ValueError:
-        raise UsageError(f"{date!r} is not a day", where="--repair",
-                         remedy="write it as 2026-03-02 or 2026-03-02T14:30") from None
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
-
-
-def rows_of(history: History, table: str, loops: list[str]) -> list[dict[str, Any]]:
-    """Return one table of the history as flat rows; dead bands in output spans, times in epoch seconds.
-
-    Raises UsageError for a table that does not exist.
-    """
-    if table == "nights":
-        return [_night_values(night) for loop in loops for night in history.nights(loop)]
-    if table == "half_periods":
-        return [{"loop": loop, **vars(p)} for loop in loops for p in history.half_periods(loop)]
-    if table == "repairs":
-        return [{"loop": loop, "time": r.time, "date": day_of(r.time), "note": r.note}
-                for loop in loops for r in history.repairs(loop)]
-    if table == "runs":
-        return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
-                 "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
-                 "tool": r["tool"]} for r in history.runs()]
-    raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, TABLES))
-
-
-def _night_values(night: Night) -> dict[str, Any]:
-    low, high = night.ci95 or (None, None)
-    return {
-        "loop": night.loop, "date": day_of(night.time), "start": night.start, "end": night.end,
-        "verdict": str(night.verdict), "confidence": night.confidence, "d": night.d, "d_low": low, "d_high": high,
-        **{name: getattr(night, name) for name in ("source", "limit_of_detection", "samples", "interval_s",
-                                                   "half_periods", "detections")},
-        "output_travel_per_hour": night.travel, **{name: night.settings.get(name) for name in ("K", "Ti", "Kp")},
-        "reasons": "; ".join(n.message for n in night.reasons), "warnings": "; ".join(n.code for n in night.warnings),
-    }

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 
@@ -26,33 +26,23 @@ from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
 from ..results import Estimate, LoopReport, ScanResult
 from ..results.history import DAY, Night, Repair, day_of
+from ..words import WORDS
 from .joins import active, distinct, join
 
-PATIENCE = 60.0  # seconds to wait for another run before giving up
-QUIET = 1.0  # seconds to wait before saying so
+PATIENCE, QUIET = 60.0, 1.0  # seconds to wait for another run before giving up, and before saying so
 APPLICATION = 0x6261636B  # "back": marks the file as a backlash history
 # statements from each version to the next
 STEPS = [[statement for statement in step.split(";") if statement.strip()] for step in re.split(
     "(?m)^-- version.*", resources.files(__package__).joinpath("tables.sql").read_text("utf-8"))[1:]]
 AS_JSON = ("settings", "reasons", "warnings", "details", "inputs", "failures")  # columns
-_BUSY = ("another run is still writing to the history", "run again when it has finished")
-_WRONG = {
-    sqlite3.SQLITE_BUSY: _BUSY, sqlite3.SQLITE_LOCKED: _BUSY,
-    sqlite3.SQLITE_NOTADB: ("this file is not a SQLite file", "give another file name to --history"),
-    sqlite3.SQLITE_CORRUPT: ("the history file is damaged",
-                             "restore it from a backup, or move it away and scan the exports again"),
-    sqlite3.SQLITE_READONLY: ("the history may not be written", "check the rights of the file and its folder"),
-    sqlite3.SQLITE_CANTOPEN: ("the history cannot be opened", "check the path and the rights of its folder"),
-    sqlite3.SQLITE_FULL: ("the disk is full", "free some space; the history holds what it held before"),
-    sqlite3.SQLITE_IOERR: ("the disk reports an error", "check the disk; the history holds what it held before"),
-}
+BUSY = ("SQLITE_BUSY", "SQLITE_LOCKED")
 EARLIEST, LATEST = 6e10, 2.5e11  # epoch seconds: year 68 to 9892
 OF_NIGHT = "WHERE (loop, night_start, night_end) = (:loop, :start, :end)"
 _EVIDENCE = {"cluster": ("d", "n", "share", "spread"), "confirmation": ("d", "delta_bic", "error_reduction"),
              "compensator": ("gain", "scheme", "reason")}  # what the report page shows of a night beside its size
 
 
-class History:
+class History(contextlib.AbstractContextManager["History"]):
     """An open history with its nights, half periods, repairs and runs; use it in a `with` block.
 
     path: the SQLite file. create: make it where it does not exist; an older one is brought up to date. patience:
@@ -81,9 +71,6 @@ class History:
                     self.db.execute(f"PRAGMA application_id = {APPLICATION}")
                     self.db.execute(f"PRAGMA user_version = {len(STEPS)}")
             opening.pop_all()
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.db.close()
@@ -225,7 +212,7 @@ class History:
         try:
             return action()
         except sqlite3.OperationalError as error:
-            if _wrong(error) != _BUSY:
+            if error.sqlite_errorname not in BUSY:
                 raise
         self.say(f"another run is writing to {self.path}; waiting up to {self.patience:g} s")
         self.db.execute(f"PRAGMA busy_timeout = {int(1000 * self.patience)}")
@@ -237,9 +224,12 @@ class History:
         try:
             yield
         except sqlite3.Error as error:
-            what, remedy = _wrong(error)
-            raise BacklashError(what, where=str(self.path), remedy=remedy, code="history_busy" if what == _BUSY[0]
-                                else "history_unusable") from error
+            name = getattr(error, "sqlite_errorname", "")
+            known = next((words for kind, words in WORDS["history"].items() if name.startswith(kind)),
+                         f"the history cannot be used: {error} -> check the file")
+            what, remedy = known.split(" -> ")
+            raise BacklashError(what, where=str(self.path), remedy=remedy,
+                                code="history_busy" if name in BUSY else "history_unusable") from error
 
 
 def night_row(report: LoopReport) -> dict[str, Any]:
@@ -270,8 +260,8 @@ def night_row(report: LoopReport) -> dict[str, Any]:
 
 def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
     """Return the row of table `half_periods` for one half period of a night."""
-    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"],
-            "joined": 0, **_rounded(vars(e)), **{"accepted": int(e.accepted), "joined": int(e.joined)}}
+    return {"loop": night["loop"], "night_start": night["start"], "night_end": night["end"], **_rounded(vars(e)),
+            "accepted": int(e.accepted), "joined": int(e.joined)}
 
 
 def night_of(row: Mapping[str, Any]) -> Night:
@@ -308,8 +298,3 @@ def check_folder(path: Path) -> None:
     if not path.parent.is_dir():
         raise BacklashError("the folder of the history does not exist", where=str(path.parent), code="no_history",
                             remedy="make the folder first")
-
-
-def _wrong(error: sqlite3.Error) -> tuple[str, str]:
-    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-    return _WRONG.get(code, (f"the history cannot be used: {error}", "check the file"))

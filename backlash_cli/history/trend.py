@@ -21,8 +21,7 @@ from ..results.history import DAY, HeldOut, Limit, Night, Repair, Segment, Wear,
 from .local_trend import BELIEF, ENOUGH, LEAST, LINE, Nights, Trend, find_shocks, fit
 
 SAME_REPAIR = 5  # a drop found this close (in nights) to a marked repair is that repair
-SMALLEST_SHARE = 0.25  # a repair takes away at least a quarter of the dead band ...
-SMALLEST = 0.005  # ... and at least 0.5 % of the output span
+SMALLEST_SHARE, SMALLEST = 0.25, 0.005  # of the dead band and of the output span, that a repair takes away at least
 WINDOW = 7  # nights on either side that say how large the dead band was
 QUIET = 14  # nights in which nearly all must be silent for a repair
 SILENT = 0.8  # nearly all
@@ -56,12 +55,11 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     holds = not stepped and (compared is None or compared.straight_line_holds)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend
     line = holds and trend.straight >= UNLIKELY * BELIEF[LINE]
-    out = replace(out, model="line" if line else "local", held_out=compared)
     last = len(trend.nights) - 1
     grows = segment.slope_ci95[0] > 0 or (stepped and trend.low[last] > trend.high[0])
     used = fit(trend.nights, (LINE,)) if line and grows else trend
     value, early, late = used.reaches(limit.value)
-    out = replace(out, state="growing" if grows else "no_trend")
+    out = replace(out, model="line" if line else "local", held_out=compared, state="growing" if grows else "no_trend")
     passed = used.days[0] < value and late <= used.days[last]  # in these nights, for sure
     if not passed and (not grows or not np.isfinite(value)):
         return replace(out, earliest=DAY * early if np.isfinite(early) and segment.level < limit.value else None)

@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..errors import UsageError, nearest
 from ..results import LoopReport, ScanResult
+from ..results.history import Night, day_of
 from .files import replacing
 from .json_report import loop, strict
 from .safe import spreadsheet
@@ -38,6 +39,7 @@ ESTIMATE_COLUMNS = {
     "d": "number", "direction": "count", "accepted": "flag", "why": "text",
 }
 TABLES = {"loops": LOOP_COLUMNS, "estimates": ESTIMATE_COLUMNS}
+HISTORY_TABLES = ("nights", "half_periods", "repairs", "runs")
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
 
@@ -96,6 +98,35 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
         [str(cell).lower() if isinstance(cell, bool) else "" if cell is None else spreadsheet(cell) for cell in row]
         for row in rows)
     return out.getvalue()
+
+
+def history_rows(history: Any, table: str, loops: Sequence[str]) -> list[dict[str, Any]]:
+    """Return a table of a `history.store.History` as flat rows, dead bands in output spans, times in epoch seconds.
+    Raises UsageError for a table that does not exist."""
+    if table == "nights":
+        return [_night_values(night) for loop in loops for night in history.nights(loop)]
+    if table == "half_periods":
+        return [{"loop": loop, **vars(p)} for loop in loops for p in history.half_periods(loop)]
+    if table == "repairs":
+        return [{"loop": loop, "time": r.time, "date": day_of(r.time), "note": r.note}
+                for loop in loops for r in history.repairs(loop)]
+    if table == "runs":
+        return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
+                 "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
+                 "tool": r["tool"]} for r in history.runs()]
+    raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, HISTORY_TABLES))
+
+
+def _night_values(night: Night) -> dict[str, Any]:
+    low, high = night.ci95 or (None, None)
+    return {
+        "loop": night.loop, "date": day_of(night.time), "start": night.start, "end": night.end,
+        "verdict": str(night.verdict), "confidence": night.confidence, "d": night.d, "d_low": low, "d_high": high,
+        **{name: getattr(night, name) for name in ("source", "limit_of_detection", "samples", "interval_s",
+                                                   "half_periods", "detections")},
+        "output_travel_per_hour": night.travel, **{name: night.settings.get(name) for name in ("K", "Ti", "Kp")},
+        "reasons": "; ".join(n.message for n in night.reasons), "warnings": "; ".join(n.code for n in night.warnings),
+    }
 
 
 def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:
