@@ -15,6 +15,7 @@ from ..record import FloatArray, Frozen, Note, Record, SampleState
 from ..results import LoopReport, Verdict
 from ..results.advice import Course
 from ..scanning import scan
+from ..words import noted
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
@@ -104,13 +105,12 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
             raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
                             where=record.loop, code="no_dead_band",
                             remedy="take a later record, or test the valve: there is nothing to compensate here")
-        note = Note("smaller_dead_band", f"the record fits a dead band of {100 * smaller[1]:.2f} % clearly better than "
-                    f"{100 * d:.2f} %; the smaller one is used")
+        note = noted("smaller_dead_band", smaller=smaller[1], d=d)
         d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
         simulated, more = model_of(known, controller, d, None)
         warnings = (*warnings, note, *more)
     if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
-        warnings = (*warnings, Note("suspected", "the scan only suspects backlash; confirm it by a valve test first"))
+        warnings = (*warnings, noted("suspected"))
     if simulated.gain * controller.K < 0.0:
         raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
                         where=record.loop, remedy="give both the same sign", code="wrong_sign")
@@ -146,9 +146,7 @@ def model_of(record: Record, controller: Controller, d: float, given: Process | 
     if margin >= LEAST_MARGIN:
         return model, ()
     gain = model.gain * margin / LEAST_MARGIN
-    note = Note("fit_lowered", f"with the fitted process gain {model.gain:.3g} the loop would be (almost) unstable, "
-                f"which it is not; {gain:.3g} is used. --process gives a better one")
-    return replace(model, gain=gain), (note,)
+    return replace(model, gain=gain), (noted("fit_lowered", fitted=model.gain, used=gain),)
 
 
 def contradiction(model: Process) -> tuple[float, float] | None:
@@ -264,11 +262,9 @@ def choose(s: CompensationStudy, trials: dict[float, Trial]) -> tuple[float | No
     """Return the recommended gain or None, the reason, and what spoke against (larger) gains."""
     against: list[Note] = []
     if s.process.integrating:
-        against.append(Note("integrating", "the process integrates: with integral action and dead band it oscillates "
-                            "whatever the gain; a compensator only makes the oscillation smaller"))
+        against.append(noted("integrating"))
     elif trials[0.0].limit_cycle or limit_cycle(s.controller, s.process, s.d) is not None:
-        against.append(Note("limit_cycle", "the loop oscillates by itself with this dead band and tuning: repair the "
-                            "valve, or retune first (a lower K or a longer Ti)"))
+        against.append(noted("limit_cycle"))
     if s.rule_gain <= 0.0:
         against.append(Note("noisy_output", s.reason))
     if against:
@@ -285,16 +281,14 @@ def choose(s: CompensationStudy, trials: dict[float, Trial]) -> tuple[float | No
 
 def objections(base: Trial, trial: Trial, beyond: Trial) -> list[Note]:
     """Return what speaks against a gain; `beyond` is the trial at 1.25 times that gain."""
-    notes, at = [], f"at a gain of {100 * trial.gain:.2f} % the"
+    notes = []
     if trial.limit_cycle or beyond.limit_cycle:
-        notes.append(Note("compensator_limit_cycle", f"the compensator itself makes the loop oscillate at a gain of "
-                          f"{100 * (trial if trial.limit_cycle else beyond).gain:.2f} %"))
+        notes.append(noted("compensator_limit_cycle", gain=(trial if trial.limit_cycle else beyond).gain))
     times = trial.valve_travel_per_hour / base.valve_travel_per_hour if base.valve_travel_per_hour else 0.0
     if times > MOST_TRAVEL:
-        notes.append(Note("valve_travel", f"{at} valve travels {times:.1f} times as far: it would wear faster"))
+        notes.append(noted("valve_travel", gain=trial.gain, times=times))
     if trial.iae > (1.0 - LEAST_FALL) * base.iae:
-        change = 100 * (trial.iae / base.iae - 1.0)
-        notes.append(Note("no_improvement", f"{at} mean error changes by {change:+.0f} % only"))
+        notes.append(noted("no_improvement", gain=trial.gain, change=trial.iae / base.iae - 1.0))
     return notes
 
 

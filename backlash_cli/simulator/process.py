@@ -42,8 +42,7 @@ class Process(Frozen):
         if not np.isfinite(self.gain) or self.gain == 0.0:
             raise MetadataError(f"process gain {self.gain:g} is not possible", remedy="give a gain other than 0")
         if any(lag <= 0.0 for lag in self.lags):
-            raise MetadataError(f"a lag of {min(self.lags):g} s is not possible",
-                                remedy="lags are time constants above 0 s")
+            raise MetadataError(f"a lag of {min(self.lags):g} s is not possible", remedy="give lags above 0 s")
         if not 0.0 <= self.dead_time < np.inf:
             raise MetadataError(f"a dead time of {self.dead_time:g} s is not possible", remedy="0 s or more")
         if not np.any(self.denominator) or self.denominator[0] == 0.0 or not np.any(self.numerator):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import huber
 
+from ..effects.process import late
 from ..errors import LoopError
 from ..estimator.predictor import block_means, recording_of
 from ..kernels import play
@@ -68,11 +69,6 @@ class Fit(Frozen, eq=False):
             out = lfilter([1.0 - ratio * (1.0 - a), ratio * (1.0 - a) - a], [1.0, -a], out)
         return np.asarray(out)
 
-    def late(self, values: FloatArray, delay: float) -> FloatArray:
-        """Return values (blocks,) that rest at zero before, `delay` seconds later."""
-        at = np.arange(len(values))
-        return np.interp(at - delay / self.interval, at, values, left=0.0)
-
     def gain_of(self, along: float, power: float) -> float:
         """Return the gain for <prediction, measurement> and <prediction, prediction>, 0 for the wrong sign."""
         if self.known_gain:
@@ -87,7 +83,7 @@ class Fit(Frozen, eq=False):
         for lag, share in product(LAGS[LAGS * self.Ti >= SHORTEST * self.interval] * self.Ti, SECOND):
             prompt = self.white(self.lagged(lag, share * lag))
             for delay in np.multiply(DELAYS, self.Ti):
-                g = weight * self.late(prompt, delay)
+                g = weight * late(prompt, delay / self.interval)
                 along, power = float(g @ (weight * y)), float(g @ g)
                 gain = self.gain_of(along, power)
                 found.append((gain * (2.0 * along - gain * power), (lag, share * lag, delay)))
@@ -95,7 +91,7 @@ class Fit(Frozen, eq=False):
 
     def match(self, shape: FloatArray) -> tuple[float, float, FloatArray]:
         """Return the evidence for a shape, a fall of -2 log likelihood, its gain, both robust, and what it leaves."""
-        y, g = self.white(self.y), self.late(self.white(self.lagged(*shape[:2])), shape[2])
+        y, g = self.white(self.y), late(self.white(self.lagged(*shape[:2])), shape[2] / self.interval)
         weight, gain = np.ones(len(y)), 0.0
         for _ in range(3):
             gain = self.gain_of(float(np.sum(weight * g * y)), float(np.sum(weight * g * g)))

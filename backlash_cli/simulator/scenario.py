@@ -114,8 +114,7 @@ class Scenario(Frozen):
             raise MetadataError("ranges must be finite", where=self.name)
         if self.seed < 0:
             raise MetadataError(f"seed = {self.seed} is not possible", where=self.name, remedy="0, 1, 2, ...")
-        unknown = [h for h in self.hidden if h not in ("K", "Ti", "Td", "Tf", "Kp", "theta")]
-        if unknown:
+        if unknown := [h for h in self.hidden if h not in ("K", "Ti", "Td", "Tf", "Kp", "theta")]:
             raise MetadataError(f"'{unknown[0]}' cannot be hidden", where=self.name, remedy="K, Ti, Td, Tf, Kp, theta")
         every(self.sample_seconds, self.step, "sample_time")
         every(self.record_seconds, self.step, "record_interval")

@@ -76,8 +76,7 @@ def build(cls: Any, entry: object, where: str) -> Any:
     """Make a description object from a table whose keys are its fields. Raises MetadataError for whatever is wrong."""
     table, kinds = _table(entry, where), get_type_hints(cls)
     _known(table, kinds, where)
-    missing = [f.name for f in fields(cls) if f.name not in table and f.default is f.default_factory is MISSING]
-    if missing:
+    if missing := [f.name for f in fields(cls) if f.name not in table and f.default is f.default_factory is MISSING]:
         raise MetadataError(f"needs {', '.join(missing)}", where=where, remedy=f"add {missing[0]} = ...")
     between = " " if where.endswith("]") else "."
     values = {key: _value(kinds[key], value, f"{where}{between}{key}") for key, value in table.items()}
@@ -140,9 +139,8 @@ def _table(value: object, where: str) -> Mapping[str, Any]:
 
 
 def _known(keys: Iterable[str], known: Iterable[str], where: str) -> None:
-    for key in keys:
-        if key not in known:
-            raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), known))
+    for key in (key for key in keys if key not in known):
+        raise MetadataError(f"unknown key '{key}'", where=where, remedy=nearest(str(key), known))
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -154,8 +152,7 @@ def scenario_names() -> tuple[str, ...]:
 def scenario_text(name: str) -> str:
     """Return the TOML text of a named scenario, to be copied and changed. Raises UsageError for an unknown name."""
     if name not in scenario_names():
-        raise UsageError(f"no scenario '{name}'",
-                         remedy=f"{nearest(name, scenario_names())} (or give the path of a TOML file)")
+        raise UsageError(f"no scenario '{name}'", remedy=f"{nearest(name, scenario_names())} (or give a TOML file)")
     return (resources.files(__package__) / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
 
 
