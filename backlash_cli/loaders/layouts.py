@@ -238,9 +238,9 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
     if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
-    found, times = [], [column for column, *_ in layout.stamps]
+    found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
-        place = bisect(times, i) - (layout.values[0] > times[0]) if pairs else 0
+        place = bisect(begins, i) - 1 if pairs else 0
         name = header = head.names[i]
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]

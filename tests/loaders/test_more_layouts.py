@@ -84,6 +84,7 @@ MORE = {
     "two_words": Export({"plant.csv": wide(name=renamed(SP="{}|Set Point", PV="{}|Process Variable", OP="{}|Controller Output"))}),
     "mean_of_tag": Export({"plant.csv": wide(name=renamed(SP="avg({}.SP)", PV="Feed flow [{}.PV]", OP="[{}.OP]"))}),
     "labels": Export({"plant.csv": wide(name=renamed(SP='"SP {{loop=""{}""}}"', PV='"PV {{loop: {}}}"', OP="plant.mean{{tag={}.OP}}"))}),
+    "w_x_y": Export({"plant.csv": wide(name=renamed(SP="{}.W", PV="{}.X", OP="{}.Y"))}),
     "cv": Export({"plant.csv": wide(name=renamed(SP="{}.SP", PV="{}.PV", OP="{}.CV"))}),
     "cv_per_tag": Export({f"{n.replace('.', '_')}.csv": "Timestamp,CV\n"+"".join(f"{iso(t)},{cell(n, x)}\n" for t,x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
     "node_quoted": Export({"plant.csv": wide(name=renamed(SP='"ns=3;s=""{}"".""SP"""', PV='"ns=3;s=""{}"".""PV"""', OP='"ns=3;s=""{}"".""OP"""'))}),
