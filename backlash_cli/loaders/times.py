@@ -180,8 +180,9 @@ class StampReader:
                 raise InputError(**explained("hhmm", column=self.name), where=self.where)
             self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]
         given = dict(zip(self.units, numbers, strict=True))
-        if (year := given.get("year")) is not None:
-            numbers[0] = np.where(year < 100, year + 2000, year) * 1e4 + given["month"] * 100.0 + given["day"]
+        if {*DATE} <= given.keys():
+            year, month, day = (given[unit] for unit in DATE)
+            numbers[0] = np.where(year < 100, year + 2000, year) * 1e4 + month * 100.0 + day
         self._unit = "digits" if (counted := 2 * np.isfinite(numbers[0]).sum() > len(numbers[0])) else self._unit
         stamps = self._numbers(numbers[0]) if counted else self.take(columns[:1])
         clock = np.zeros(len(stamps))
@@ -370,7 +371,7 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
     """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
     if is_number(column.type):  # 20260317
         known = stored(column, {})[0]
-        return bool(np.all((known >= 1.9e7) & (known < 2.2e7) | np.isnan(known)))
+        return len(known) > 0 and bool(np.all((known >= 1.9e7) & (known < 2.2e7) | np.isnan(known)))
     stamps = StampReader([name], options, where).take([column])
     stamps = stamps[stamps != NAT]
     return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)

@@ -10,6 +10,7 @@ import zipfile
 from datetime import timedelta
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from backlash_cli.errors import BacklashError
@@ -228,3 +229,10 @@ def test_times_of_day_as_numbers_may_begin_at_midnight(tmp_path, form, name, ste
     (tmp_path / "FIC101.csv").write_text(f"Date,{name},SP,PV,OP\n" + "\n".join(rows) + "\n")
     record = read(tmp_path / "FIC101.csv")["FIC101"]
     assert record.interval == step and len(record) == len(times) and record.start == seconds(times[0])
+
+
+def test_a_year_that_is_a_measurement_is_no_date(tmp_path):
+    table = pa.table({"Time": [0, 1, 2], "year": [50.0, 51.0, 49.0], "month": [1, 2, 3], "day": [1, 2, 3],
+                      "second": pa.array(STAMPS[:3], pa.timestamp("us")), "A.PV": [1.0, 2.0, 3.0], "A.OP": [1.0, 2.0, 3.0]})
+    pq.write_table(table, tmp_path / "plant.parquet")
+    assert read(tmp_path / "plant.parquet")["A"].start == seconds(STAMPS[0])
