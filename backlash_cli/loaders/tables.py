@@ -28,7 +28,7 @@ from .signals import Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, stem_of
 from .times import StampReader, micros_of
 
-TOGETHER = 4 << 20  # cells of text that are one piece, so that there are few to look at and to read again
+TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -70,8 +70,8 @@ class TextTable:
             except pa.ArrowInvalid:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
-            cells = len(types) * sum(one.num_rows for one in tables)
-            if tables and (table.schema != tables[0].schema or cells > TOGETHER):
+            rows = sum(one.num_rows for one in tables)
+            if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
                 yield _columns(tables)
                 tables = []
             tables.append(table)

