@@ -212,7 +212,7 @@ class History(contextlib.AbstractContextManager["History"]):
         try:
             return action()
         except sqlite3.OperationalError as error:
-            if error.sqlite_errorname not in BUSY:
+            if not getattr(error, "sqlite_errorname", "").startswith(BUSY):
                 raise
         self.say(f"another run is writing to {self.path}; waiting up to {self.patience:g} s")
         self.db.execute(f"PRAGMA busy_timeout = {int(1000 * self.patience)}")
@@ -227,9 +227,9 @@ class History(contextlib.AbstractContextManager["History"]):
             name = getattr(error, "sqlite_errorname", "")
             known = next((words for kind, words in WORDS["history"].items() if name.startswith(kind)),
                          f"the history cannot be used: {error} -> check the file")
-            what, remedy = known.split(" -> ")
+            what, _, remedy = known.rpartition(" -> ")
             raise BacklashError(what, where=str(self.path), remedy=remedy,
-                                code="history_busy" if name in BUSY else "history_unusable") from error
+                                code="history_busy" if name.startswith(BUSY) else "history_unusable") from error
 
 
 def night_row(report: LoopReport) -> dict[str, Any]:

@@ -242,3 +242,18 @@ def test_a_run_killed_at_any_moment_leaves_the_file_sound(tmp_path):
             with sqlite3.connect(path) as db:
                 assert db.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
     assert filled(path, growing(40)) == clean
+
+
+@pytest.mark.parametrize(("name", "code", "says"), [
+    ("SQLITE_BUSY_SNAPSHOT", "history_busy", "another run"),
+    ("SQLITE_IOERR_WRITE", "history_unusable", "the disk reports"),
+    ("", "history_unusable", "cannot be used: a -> b")])
+def test_every_error_of_the_database_is_told_in_words(tmp_path, name, code, says):
+    """Extended codes too, and those that Python's own module raises, which have none."""
+    with History(tmp_path / "h.db", create=True) as history:
+        error = sqlite3.OperationalError("a -> b")
+        if name:
+            error.sqlite_errorname = name
+        with pytest.raises(BacklashError, match=says) as found, history._in_words():
+            raise error
+        assert found.value.code == code and found.value.remedy
