@@ -56,6 +56,9 @@ def main() -> None:
                     child.send_signal(signal.SIGKILL)
                     child.communicate()
                     kills, longer = kills + 1, 1.3 * longer
+                    report, history = folder / f"{number}.json", folder / f"{number}.db"
+                    assert not report.exists() or report.read_bytes() == want[0], number  # whole, or not there
+                    assert not history.exists() or content(history) in ([], want[1]), number
             assert child.returncode == 0, child.stderr and child.stderr.read()
             found = (folder / f"{number}.json").read_bytes(), content(folder / f"{number}.db")
             assert found == want, number

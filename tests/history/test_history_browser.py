@@ -38,6 +38,14 @@ def test_opens_at_every_width_without_sideways_scrolling(browser, folder, width,
     assert settled(browser, WIDE, 0) == 0
 
 
+def test_days_stand_on_one_line_and_no_room_is_left_below_a_low_figure(browser, folder):
+    browser.open(folder / "wear.html", width=768)
+    browser.wait("document.querySelectorAll('.main-svg').length > 0")
+    high = "Math.max(...Array.from(document.querySelectorAll('tbody td'), c => /^[0-9-]{10}$/.test(c.textContent)"
+    assert 0 < browser.evaluate(f"{high} ? c.clientHeight : 0))") < 45
+    assert browser.evaluate("(p => p.clientHeight - p._fullLayout.height)(document.querySelector('.plot'))") == 0
+
+
 def test_sorting_filter_and_hostile_names(browser, folder):
     browser.open(folder / "wear" / "index.html")
     assert HOSTILE in browser.evaluate(CELLS % 1)

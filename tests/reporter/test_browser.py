@@ -122,6 +122,34 @@ def test_the_plant_is_drawn_at_the_top_and_the_table_fits_a_usual_screen(browser
     assert browser.evaluate(f"{box}.scrollWidth <= {box}.clientWidth")
 
 
+def test_a_half_wide_window_shows_what_to_do_without_sideways_scrolling(browser, tmp_path):
+    write_text(tmp_path / "r.html", scanned(result(), {}).page())
+    browser.open(tmp_path / "r.html", width=768)
+    last = "Array.from(document.querySelectorAll('th')).find(h => h.textContent === 'Advice or reason')"
+    assert browser.evaluate(f"{last}.getBoundingClientRect().right <= innerWidth")
+
+
+def test_on_a_phone_facts_are_read_whole_and_the_tools_of_a_figure_hide_nothing(browser, page):
+    browser.open(page, width=400, fragment="#loop-1")
+    browser.wait("document.querySelectorAll('details[open] .legend').length > 0")
+    cut = "Array.from(document.querySelectorAll('details[open] .scroll')).filter(s => s.scrollWidth > s.clientWidth)"
+    assert browser.evaluate(f"document.querySelectorAll('details[open] td.long').length && {cut}.length") == 0
+    over = """Array.from(document.querySelectorAll('.js-plotly-plot')).filter(p => p.querySelector('.legend')
+    && p.querySelector('.modebar-group').getBoundingClientRect().bottom
+    > p.querySelector('.legend').getBoundingClientRect().top).length"""
+    assert settled(browser, over, 0) == 0
+
+
+def test_all_columns_fit_the_paper(browser, tmp_path):
+    write_text(tmp_path / "r.html", scanned(result(), {}).page())
+    browser.open(tmp_path / "r.html", width=718)  # A4 with a browser's usual margins
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        assert browser.evaluate("document.documentElement.scrollWidth") == 718
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="")
+
+
 def test_a_browser_that_cannot_unpack_says_so_and_shows_the_numbers(browser, page):
     old = browser.call("Page.addScriptToEvaluateOnNewDocument", source="delete window.DecompressionStream")
     try:
