@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import MetadataError, nearest
 from . import EFFECTS
-from .shape import Effect
+from .shape import Effect, Stage
 
 GROUP = "backlash.effects"
 TRIAL = 50  # samples of the signal that an effect from outside is tried on
@@ -59,24 +59,24 @@ def _try(effect: Effect, name: str) -> None:
     """Send a short signal through an effect from outside, so that a mistake in it is told as such.
 
     As plain Python: a compiler's words would not help the author.
-    Raises MetadataError when it fails, gives no numbers, or is not the identity at its neutral values.
+    Raises MetadataError when it fails, gives no numbers, is not the identity at its neutral values, or misdescribed.
     """
-    signal = np.linspace(0.3, 0.7, TRIAL)
-    series = np.zeros(TRIAL if effect.column else effect.draws * (TRIAL + 1))
-    started = {q.name: q.start[0] for q in effect.parameters if q.start}
-    for values in ({}, {} if any(q.many for q in effect.parameters) else started):
-        wrong = ""
-        try:
+    signal, wrong = 0.5 - 0.2 * np.cos(np.arange(TRIAL) / 4.0), ""  # up and down
+    try:
+        Stage(effect.stage)
+        started = {q.name: q.start[0] for q in effect.parameters if q.start}
+        series = np.zeros(TRIAL if effect.column else effect.draws * (TRIAL + 1))
+        for values in ({}, {} if any(q.many for q in effect.parameters) else started):
             p = effect.pack(values)
-            state = effect.begin(p, 1.0, 0.3, series)
+            state = effect.begin(p, 1.0, float(signal[0]), series)
             with np.errstate(all="ignore"):
                 out = np.array([effect.step(state, value, p) for value in signal.tolist()], dtype=np.float64)
             if out.shape != signal.shape or not np.all(np.isfinite(out)):
                 wrong = "gives no numbers on a trial signal"
             elif not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
                 wrong = "changes the signal at its neutral values"
-        except Exception as error:
-            wrong = f"fails on a trial signal: {type(error).__name__}: {error}"
-        if wrong:
-            raise MetadataError(f"effect '{name}' {wrong}",
-                                remedy="mend its start and step; docs/own-effect.md shows a complete effect")
+    except Exception as error:
+        wrong = f"fails on a trial signal: {type(error).__name__}: {error}"
+    if wrong:
+        raise MetadataError(f"effect '{name}' {wrong}", remedy="docs/own-effect.md shows a complete effect; a tuple "
+                            "of one ends with a comma: (x,)")

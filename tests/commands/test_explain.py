@@ -43,11 +43,17 @@ def endless(state, value, p):
 def shifts(state, value, p):
     return value + 0.1
 
-def effect(step):
-    return Effect(step.__name__, Stage.VALVE, "Wrong.", "own", (
-        Parameter("size", "span", "size", 0.0, -1.0, 1.0, (0.2,)),), start, step)
+def falls(state, value, p):
+    state[0], before = value, state[0]
+    return max(value, before - 0.001)
+
+def effect(step, stage=Stage.VALVE, first=(0.2,), start=start):
+    return Effect(step.__name__, stage, "Wrong.", "own", (
+        Parameter("size", "span", "size", 0.0, -1.0, 1.0, first),), start, step)
 
 RAISES, DIVIDES, ENDLESS, SHIFTS = effect(raises), effect(divides), effect(endless), effect(shifts)
+FALLS = effect(falls, start=lambda p, interval, first: np.array([first]))
+NOWHERE, NO_TUPLE = effect(shifts, "valves"), effect(shifts, first=0.2)
 '''
 
 
@@ -82,6 +88,7 @@ def test_own_choice_replaces_the_search(loop, capfd):
     found = json.loads(run(capfd, "explain", loop, "--add", "rate_limit", "--add", "backlash", "--json", "-").out)
     assert [(s["added"], s["chosen"]) for s in found["steps"][1:]] == [("rate_limit", "user"), ("backlash", "user")]
     assert found["candidates"] == []
+    assert "added by choice, without a search" in " ".join(run(capfd, "explain", loop, "--add", "backlash").out.split())
 
 
 def test_an_effect_from_outside_takes_part_and_stays_in_the_model(loop, tmp_path, capfd, monkeypatch):
@@ -111,6 +118,9 @@ def test_an_effect_from_outside_takes_part_and_stays_in_the_model(loop, tmp_path
     (["--add", "wrong_effects:DIVIDES"], "effect 'wrong_effects:DIVIDES' gives no numbers on a trial signal"),
     (["--effect", "wrong_effects:ENDLESS"], "gives no numbers on a trial signal"),
     (["--effect", "wrong_effects:SHIFTS"], "changes the signal at its neutral values"),
+    (["--effect", "wrong_effects:FALLS"], "changes the signal at its neutral values"),
+    (["--effect", "wrong_effects:NOWHERE"], "'valves' is not a valid Stage"),
+    (["--effect", "wrong_effects:NO_TUPLE"], "a tuple of one ends with a comma"),
 ])
 def test_wrong_use_is_one_message(loop, tmp_path, tmp_path_factory, capfd, monkeypatch, arguments, said):
     beside = tmp_path_factory.mktemp("own")
