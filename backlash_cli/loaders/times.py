@@ -24,6 +24,8 @@ _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in W
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
 DATE, OF_DAY, _DIGITS = ("year", "month", "day"), ("hours", "minutes", "seconds", "millis"), {"hhmm": 100, "hhmmss": 1}
+ORDINAL = ("year", "dayofyear")
+_DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
@@ -173,18 +175,26 @@ class StampReader:
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
-        numbers = [np.where(np.isfinite(values := stored(column, {})[0]), values, np.nan) for column in columns]
+        numbers = [np.where(np.abs(values := stored(column, {})[0]) < LIMIT, values, np.nan) for column in columns]
         # more than the first rows showed
         if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
             if self._zones:
                 raise InputError(**explained("hhmm", column=self.name), where=self.where)
             self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]
         given = dict(zip(self.units, numbers, strict=True))
-        if {*DATE} <= given.keys():
-            year, month, day = (given[unit] for unit in DATE)
-            numbers[0] = np.where(year < 100, year + 2000, year) * 1e4 + month * 100.0 + day
-        self._unit = "digits" if (counted := 2 * np.isfinite(numbers[0]).sum() > len(numbers[0])) else self._unit
-        stamps = self._numbers(numbers[0]) if counted else self.take(columns[:1])
+        if {*ORDINAL} <= given.keys() or {*DATE} <= given.keys():
+            whole = {u: np.clip(np.nan_to_num(values), 0.0, 9999.0).astype(np.int64) for u, values in given.items()}
+            first = np.ones(len(numbers[0]), np.int64)
+            days = days_of(full_year(whole["year"]), whole.get("month", first), whole.get("day", first))
+            ahead = whole.get("dayofyear", first) - 1
+            days = np.where((ahead < 0) | (ahead > 365), np.datetime64("NaT"), days + ahead)
+            stamps = days.astype("M8[us]").astype(np.int64)
+            self._seen(stamps, np.zeros(len(stamps), bool))
+        elif 2 * np.isfinite(numbers[0]).sum() > len(numbers[0]):
+            self._unit = self._unit or ("excel" if np.nanmedian(numbers[0]) < _DAY_NUMBERS else "digits")
+            stamps = self._numbers(numbers[0])
+        else:
+            stamps = self.take(columns[:1])
         clock = np.zeros(len(stamps))
         for column, values, unit in zip(columns[1:], numbers[1:], self.units[1:], strict=True):
             if unit in _DIGITS:
@@ -280,7 +290,7 @@ class StampReader:
                 raise InputError(**explained("time_format", form=self.form, error=error)) from None
             micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
             return np.append(self._seen(micros, np.zeros(len(words), bool)), NAT)[codes]
-        if self._unit:
+        if self._unit and self._unit != "digits":
             return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
         micros, zoned, of_day = read_dates(words)
         if of_day and (self._of_day is not None or not self._zones):
@@ -339,9 +349,9 @@ class StampReader:
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
                 self.notes.append(noted("relative_time", column=self.name))
         if self._unit == "digits":
-            codes, words = codes_and_words(pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(
-                pa.string()))
-            return np.append(self._seen(*read_dates(words)[:2]), NAT)[codes]
+            text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
+            return self._texts(pc.replace_substring_regex(  # 260317 may be open, as 26-03-17 is
+                pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3"))
         factor, zero, absolute = _UNITS[self._unit]
         self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -360,7 +370,7 @@ def _of_digits(values: FloatArray) -> FloatArray:
 
 def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
     """Return what numbers in a column of times of day are: HHMMSS, HHMM, parts of a day, what the name says, or ""."""
-    known, unit = (values := stored(column, {})[0])[np.isfinite(values)], _unit_of(np.zeros(1), name)
+    known, unit = (values := stored(column, {})[0])[np.isfinite(values)].clip(-LIMIT, LIMIT), _unit_of(np.zeros(1), name)
     form = plain(name) if plain(name) in _DIGITS else "days" if np.max(known, initial=0.0) <= 1.0 else (
         "hhmm" if known.max() < 2400 else "hhmmss")
     digits = unit == "seconds" and not np.isnan(_of_digits(known * _DIGITS.get(form, 1))).any()
@@ -369,9 +379,11 @@ def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
 
 def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
     """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
-    if is_number(column.type):  # 20260317
-        known = stored(column, {})[0]
-        return len(known) > 0 and bool(np.all((known >= 1.9e7) & (known < 2.2e7) | np.isnan(known)))
+    if is_number(column.type):  # 20260317, 260317, 46098
+        known = (values := stored(column, {})[0])[np.isfinite(values)]
+        days = np.any([(known >= low) & (known < high) for low, high in WORDS["stamps"]["dates"]], axis=0)
+        repeated = np.count_nonzero(np.diff(known) == 0) > 0.5 * len(known)  # many rows a day
+        return bool(len(known) and np.all(days & (known % 1 == 0)) and (repeated or known[0] >= 1.9e7))
     stamps = StampReader([name], options, where).take([column])
     stamps = stamps[stamps != NAT]
     return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
