@@ -370,7 +370,8 @@ def _of_digits(values: FloatArray) -> FloatArray:
 
 def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
     """Return what numbers in a column of times of day are: HHMMSS, HHMM, parts of a day, what the name says, or ""."""
-    known, unit = (values := stored(column, {})[0])[np.isfinite(values)].clip(-LIMIT, LIMIT), _unit_of(np.zeros(1), name)
+    values, unit = stored(column, {})[0], _unit_of(np.zeros(1), name)
+    known = values[np.isfinite(values)].clip(-LIMIT, LIMIT)
     form = plain(name) if plain(name) in _DIGITS else "days" if np.max(known, initial=0.0) <= 1.0 else (
         "hhmm" if known.max() < 2400 else "hhmmss")
     digits = unit == "seconds" and not np.isnan(_of_digits(known * _DIGITS.get(form, 1))).any()
