@@ -15,7 +15,7 @@ from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_na
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
-from .times import DATE, OF_DAY, ORDINAL, is_midnight, unit_of_day
+from .times import DATE, DATES, OF_DAY, is_midnight, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
@@ -67,12 +67,12 @@ class Head(Frozen):
     def parts(self) -> dict[int, str]:
         """Columns of numbers that hold year, month, day, hour ... of stamps, and what; dates only if they are whole."""
         found: dict[str, int] = {}
-        units = OF_DAY if COLUMNS["year"].isdisjoint(self.plain) else (*DATE, *ORDINAL, *OF_DAY)
+        units = OF_DAY if COLUMNS["year"].isdisjoint(self.plain) else (*DATE, *OF_DAY)
         for i in self.numbers:
             found |= dict.fromkeys([u for u in units if u not in found and self.plain[i] in COLUMNS[u]][:1], i)
         clocks = {i: unit_of_day(self.columns[i], self.names[i]) for i in self.numbers if self.plain[i] in CLOCK}
-        return clocks | {i: unit for unit, i in found.items() if unit in OF_DAY or (
-            {*ORDINAL} <= found.keys() if "dayofyear" in found else {*DATE} <= found.keys())}
+        date = next((parts for parts in DATES if {*parts} <= found.keys()), ())
+        return clocks | {i: unit for unit, i in found.items() if unit in (*date, *OF_DAY)}
 
     @cached_property
     def texts(self) -> list[int]:
@@ -153,12 +153,11 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if not columns:
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
-    dates = [i for i in columns if i not in clocks and (
+    dates = [i for i in columns if i not in clocks and not head.parts.get(i) and (
         is_midnight(head.columns[i], head.names[i], options, head.where))][:1]
     if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
-        dates = [i for i, unit in head.parts.items() if unit in (*DATE, *ORDINAL)]
-    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
-        clocks or u in ("", *DATE, *ORDINAL))]
+        dates = [i for i, unit in head.parts.items() if unit in DATE]
+    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (clocks or u in ("", *DATE))]
     if dates and of_day:
         return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]

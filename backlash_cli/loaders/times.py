@@ -23,8 +23,8 @@ _DATED, _COMPACT, _OF_DAY = (form.replace("CLOCK", WORDS["stamps"]["clock"]).rep
 _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in WORDS["stamps"]["rewritten"]]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
-DATE, OF_DAY, _DIGITS = ("year", "month", "day"), ("hours", "minutes", "seconds", "millis"), {"hhmm": 100, "hhmmss": 1}
-ORDINAL = ("year", "dayofyear")
+DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
+DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
@@ -182,11 +182,11 @@ class StampReader:
                 raise InputError(**explained("hhmm", column=self.name), where=self.where)
             self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]
         given = dict(zip(self.units, numbers, strict=True))
-        if {*ORDINAL} <= given.keys() or {*DATE} <= given.keys():
-            whole = {u: np.clip(np.nan_to_num(values), 0.0, 9999.0).astype(np.int64) for u, values in given.items()}
+        if "year" in given:
+            part = {u: np.clip(np.nan_to_num(given[u]), 0.0, 9999.0).astype(np.int64) for u in DATE if u in given}
             first = np.ones(len(numbers[0]), np.int64)
-            days = days_of(full_year(whole["year"]), whole.get("month", first), whole.get("day", first))
-            ahead = whole.get("dayofyear", first) - 1
+            days = days_of(full_year(part["year"]), part.get("month", first), part.get("day", first))
+            ahead = part.get("dayofyear", first) - 1
             days = np.where((ahead < 0) | (ahead > 365), np.datetime64("NaT"), days + ahead)
             stamps = days.astype("M8[us]").astype(np.int64)
             self._seen(stamps, np.zeros(len(stamps), bool))
@@ -350,8 +350,9 @@ class StampReader:
                 self.notes.append(noted("relative_time", column=self.name))
         if self._unit == "digits":
             text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
-            return self._texts(pc.replace_substring_regex(  # 260317 may be open, as 26-03-17 is
-                pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3"))
+            if np.median(known) < 1e6:  # 260317 may be open, as 26-03-17 is
+                text = pc.replace_substring_regex(pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3")
+            return self._texts(text)
         factor, zero, absolute = _UNITS[self._unit]
         self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -105,6 +105,8 @@ MORE = {
     "parts_of_time": Export({"plant.csv": wide(lambda t: f"{t:%Y,%m,%d,%H,%M,%S}", time_name="YYYY,MM,DD,HH,mm,ss") + "Mean,,,,,,1,1,1,1,1,1\n"}, notes=("unreadable_times",)),
     "parts_of_time_de": Export({"plant.csv": wide(lambda t: f"{t:%d;%m;%Y;%H;%M;%S}", time_name="Tag;Monat;Jahr;Stunde;Minute;Sekunde", delimiter=";", value=comma)}),
     "day_of_year": Export({"plant.csv": wide(lambda t: f"{t.year},{t.timetuple().tm_yday},{seconds(t) % 86400:.0f}", time_name="Year,DayOfYear,Seconds")}),
+    "day_of_year_beside_month_and_day": Export({"plant.csv": wide(lambda t: f"{t:%Y,%m,%d},{t.timetuple().tm_yday},{t:%H,%M,%S}", time_name="Year,Month,Day,DOY,Hour,Minute,Second")}),
+    "values_called_data": Export({"plant.csv": wide(lambda t: f"{seconds(t):.0f}", time_name="time").replace(".PV", ".PV.Data").replace(".OP", ".OP.Data").replace(".SP", ".SP.Data")}),
     "spreadsheet_day_and_part": Export({"plant.csv": wide(lambda t: f"{seconds(t) // 86400 + 25569:.0f},{seconds(t) % 86400 / 86400:.8f}", time_name="Date,Time")}),
     "yymmdd": Export({"plant.csv": wide(lambda t: t.strftime("%y%m%d,%H%M%S"), time_name="Date,Time")}, options={"time_format": "ymd"}),
     "japanese": Export({"plant.csv": wide(lambda t: t.strftime("%Y年%m月%d日 %H時%M分%S秒"), time_name="日時").replace(".PV", " 測定値").replace(".SP", " 設定値").replace(".OP", " 操作量")}),

@@ -159,4 +159,4 @@ def test_structure_for_readers_of_all_kinds():
 def test_cells_sort_by_value_and_show_text():
     html = full("FIC101")
     assert '<td class="number" data-key="0.03"><span class="mark bad">3 %</span></td>' in html
-    assert ' data-key="">–</td>' in html and ' data-key="yes">yes</td>' in html
+    assert '<td class="short" data-key="">–</td>' in html and '<td class="short" data-key="yes">yes</td>' in html
