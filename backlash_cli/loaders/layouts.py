@@ -19,6 +19,7 @@ from .times import DATE, DATES, OF_DAY, is_midnight, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
+_HALVES = ({"AM"}, {"PM"}, {"AM", "PM"})  # of a day, in a column of their own
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -72,7 +73,9 @@ class Head(Frozen):
             found |= dict.fromkeys([u for u in units if u not in found and self.plain[i] in COLUMNS[u]][:1], i)
         clocks = {i: unit_of_day(self.columns[i], self.names[i]) for i in self.numbers if self.plain[i] in CLOCK}
         date = next((parts for parts in DATES if {*parts} <= found.keys()), ())
-        return clocks | {i: unit for unit, i in found.items() if unit in (*date, *OF_DAY)}
+        halves = [i for i in self.texts if {word.strip().upper() for word in self.words(i)} in _HALVES]
+        return clocks | {i: unit for unit, i in found.items() if unit in (*date, *OF_DAY)} | dict.fromkeys(
+            halves, "half")
 
     @cached_property
     def texts(self) -> list[int]:
@@ -122,9 +125,10 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
               and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
-    if kind != "long":
-        return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     named = [i for i in values if head.plain[i] in VALUE]
+    single = len(named) == 1 and all(i in named or i in texts for i in values)  # a tag in a file of its own
+    if kind != "long" and (naming or not single):
+        return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     rest = [i for i in values if i not in named]
     quality = ([i for i in rest if is_quality_name(head.plain[i])]
                or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
@@ -157,12 +161,14 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
         is_midnight(head.columns[i], head.names[i], options, head.where))][:1]
     if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
         dates = [i for i, unit in head.parts.items() if unit in DATE]
-    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (clocks or u in ("", *DATE))]
-    if dates and of_day:
+    halves = [i for i, unit in head.parts.items() if unit == "half"]
+    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
+        clocks or u in ("", "half", *DATE))] + halves
+    if dates and of_day[len(halves) :]:
         return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_time_name(head.names[i])))
-    return (best,), set(columns)
+    return (best, *halves), {*columns, *halves}
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:

@@ -18,9 +18,10 @@ NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|[.,\-_/:\\|#$~ ]+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
-_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=)")  # \\SERVER\ or ns=2;s= before a tag
+_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)")  # \\SERVER\ or ns=2;s= before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
-_DESCRIBED = re.compile(r"^([^\s:,;]+)(?:\s*[\[(][^\])]*[\])])?(?:\s+[-–—]\s+|[:,;]\s+)(\S.*)$")  # FIC1.PV - Feed flow
+_PIECE = re.compile(r"\s*[\n\[\](){}=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
+_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
 class Tag(Frozen):
@@ -76,17 +77,18 @@ def is_quality_name(word: str) -> bool:
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
     name = _SERVER.sub("", text.strip())
-    name = name.replace('"', "") if name.startswith('"') else name  # ns=3;s="FIC101"."PV"
-    described = _DESCRIBED.match(name) if len(name) <= NESTED_LIMIT else None
-    if described and plain(described[2]) not in COLUMNS["time"] and not is_quality_name(plain(described[2])):
-        tag = split_tag(described[1])
-        if tag.loop and tag.role in SIGNALS:
-            return tag
+    name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
+    pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
+    known = any(plain(piece) in COLUMNS["time"] or is_quality_name(plain(piece)) for piece in pieces)
+    if len(pieces) > 1 and name[:1] != "[" and not known:
+        whole = {tag for p in pieces if " " not in p and (p == pieces[0] or re.search(r"\d", p))
+                 and (tag := split_tag(p)).loop and tag.role in SIGNALS}
+        if len(whole) == 1:
+            return whole.pop()
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
-        if split_tag(bracket[2]).loop and split_tag(bracket[2]).role in SIGNALS and not split_tag(bracket[1]).role:
-            return split_tag(bracket[2])  # avg(FIC101.PV)
-        name = (f"{bracket[2]}.{bracket[1]}" if "{" in name and signal_role(bracket[1]) else
-                f"{bracket[1]}.{bracket[2]}" if signal_role(bracket[2]) else bracket[1] or bracket[2])
+        before, role = bracket[1], signal_role(bracket[2])
+        name = (f"{bracket[2]}.{before}" if "{" in name and signal_role(before) else f"{before}.{bracket[2]}"
+                if role and role != split_tag(before).role else before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)

@@ -12,7 +12,7 @@ import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cache, lru_cache, partial
+from functools import cache, lru_cache, partial, reduce
 from itertools import chain, islice
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -46,9 +46,14 @@ _NUMBER = re.compile(
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|", " ")
-_ALIGNED = re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d))*$")
+# Lines of columns that blanks align, and lines that are one cell in quotes each: what is put in the place of what.
+_REWRITTEN = (
+    (re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d))*$"),
+     ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
+    (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
+     ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))))
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
-JOINED = 8  # lines at most of one cell in quotes
+JOINED = 40  # lines at most of one cell in quotes
 Line = tuple[int, int, str]
 
 
@@ -249,11 +254,12 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     if not lines:
         raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
-    if not (options.delimiter or declared) and 2 * sum(bool(_ALIGNED.match(lines[i][2])) for i in last) > len(last):
-        text.rest = (bytearray(re.sub(rb"  +", b"\t", re.sub(rb"(?m)^ +| +(?=\r?$)", b"", block)))
-                     for block in chain([text.head], text.rest))
-        text.head = next(text.rest)
-        return head_of(text, stem, partition)
+    for form, changes in () if options.delimiter or declared else _REWRITTEN:
+        if 2 * sum(bool(form.match(lines[i][2])) for i in last) > len(last):
+            text.rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
+                         for block in chain([text.head], text.rest))
+            text.head = next(text.rest)
+            return head_of(text, stem, partition)
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))
@@ -291,7 +297,7 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
         known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")
         begun = [{*map(kind, row[:40])} for row in (split_line(line, candidate) for line in first) if len(row) == width]
         scores[candidate] = (count / len(rows) * (0.7 * known / len(kinds) + 0.3) * (filled / len(kinds)) ** 0.1
-                             * (1.3 if {"text"} in begun or {"text", "empty"} in begun else 1.0))
+                             * (1.5 if {"text"} in begun or {"text", "empty"} in begun else 1.0))
     return max(DELIMITERS, key=scores.__getitem__)
 
 
@@ -310,8 +316,9 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
         hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
+        # a period above the header has no values
         filled = not times or any(cell.strip() for i, cell in enumerate(own) if i < len(kinds) and (
-            i not in times and kinds[i] != "empty"))  # a period above the header has no values
+            kinds[i] == "number" if "number" in kinds else i not in times and kinds[i] != "empty"))
         return any(hits) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
             COMMENT.match(own[0]) and kind(own[0]) == "text")
 
@@ -328,20 +335,24 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         if not given:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
-    rows = [cells for cells in before.values() if _spans(cells, width)]
+    rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
+    rows = [cells for cells in rows if _spans(cells, width)]
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
     rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
     if not rows:
         raise InputError(**explained("no_header"), where=where)
     # one cell too few: nothing stands above row numbers, or above the time of day
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
-    rows = [_fit(row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
-                 [*row[:unnamed], "", *row[unnamed:]], width) for row in rows[-8:]]
+    rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
+            [*row[:unnamed], "", *row[unnamed:]] for row in rows[-8:]]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
+    if "number" in kinds[len(rows[best]) :] and len(rows[best]) > 1:
+        raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
+    rows = [_fit(row, width) for row in rows]
     names = rows[best]
     words = [plain(name) for name in names if name]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
-        for other in (*reversed(rows[:best]), *rows[best + 1 :]):
+        for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
             joined = _joined(names, other)
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)

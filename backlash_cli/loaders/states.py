@@ -23,6 +23,7 @@ LONE = 3  # samples in a row that may be lone zeros
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
+_ONE_IS_BAD = re.compile(r"inv|bad|question|fault", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 
@@ -59,6 +60,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
         return _good_numbers(numbers, name, {} if known is None else known)
+    if _ONE_IS_BAD.search(name) and all(re.fullmatch(r"\s*(?:true|false)\s*", word, re.IGNORECASE) for word in words):
+        return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
         bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
     if not any(good):  # only faults are marked: an empty cell is good

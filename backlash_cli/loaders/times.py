@@ -154,6 +154,9 @@ class StampReader:
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
+        if "half" in self.units:  # AM and PM stand in a column of their own
+            texts = [column.cast(pa.string()).combine_chunks() for column in columns]
+            columns = [pc.binary_join_element_wise(*texts, " ")]
         if len(columns) > 1:
             return self._joined(columns)
         (column,) = columns

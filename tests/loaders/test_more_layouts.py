@@ -199,6 +199,24 @@ MORE = {
     "german_words": Export({f"{loop}.csv": "Zeit;Stellgröße;Istwert;Sollwert\n"+"".join(f"{t:%d.%m.%Y %H:%M:%S};{row(loop, i).replace(',',';').replace('.',',')}\n" for i,t in enumerate(STAMPS)) for loop in RANGES}),
     "zip": Export({"plant.zip": packed({"export/day.csv": wide(), "read.me": "of the plant"})}),
     "zip_per_tag": Export({"plant.zip": packed({f"{n}.csv": "Timestamp,Value\n"+"".join(f"{iso(t)},{cell(n, x)}\n" for t,x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
+    "half_of_day_column": Export({"plant.csv": wide(lambda t: f"{t:%m/%d/%Y,%I:%M:%S,%p}", time_name="Date,Time,AM/PM")}),
+    "half_behind_stamp": Export({"plant.csv": wide(lambda t: f"{t:%m/%d/%Y %I:%M:%S},{t:%p}", time_name="Time,AM/PM")}),
+    "half_iso_date": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d,%I:%M:%S,%p}", time_name="Date,Time,Half")}),
+    "tag_behind_description": Export({"plant.csv": wide(name=lambda n: f"Feed {'setpoint' if n.endswith('SP') else 'flow'} [{n}]")}),
+    "tag_in_second_line_of_cell": Export({"plant.csv": wide(name=lambda n: f'"Feed flow setpoint\n{n}\n[m3/h]"')}),
+    "tag_before_its_value": Export({"plant.csv": wide(name=lambda n: f"Tag: {n}")}),
+    "signal_said_twice": Export({"plant.csv": wide(name=renamed(SP="{} 設定値(SV)", PV="{} 測定値(PV)", OP="{} 操作量(MV)"))}),
+    "rows_as_one_cell": Export({"plant.csv": '"' + wide().strip().replace("\n", '"\n"') + '"\n'}),
+    "rows_as_one_cell_quoted": Export({"plant.csv": '"' + wide(iso, name=lambda n: f'""{n}""', line_end='"\r\n"').rstrip('"')}),
+    "savetxt": Export({"plant.txt": wide(lambda t: f"{seconds(t):.18e}", delimiter=" ", before="# ", tail=" ")}),
+    "pandas_levels": Export({"plant.csv": wide(name=lambda n: f'"{tuple(n.split("."))}"')}),
+    "tag_name_above_descriptions": Export({"plant.txt": wide(delimiter="\t", time_name="Tag Name", between="Description\t" + "\t".join(["Feed flow"] * 6) + "\nUnits\t" + "\t".join("m3/h % bar kW s t".split()) + "\nTimestamp" + "\tValue" * 6)}),
+    "rockwell_trend": Export({"plant.csv": wide(lambda t: f'"Data:","{t:%m/%d/%Y}","{t:%H:%M:%S};000"', time_name='"Header:","Date","Time"', before='"Trend Name:","Trend1"\n"Start Time:","03/17/2026","23:55:00;000"\n')}),
+    "wincc_unified": Export({"plant.csv": long(lambda n, t, v: f'"HMI_RT_1::{n.replace(".", "_")}:LoggingTag_1";"{iso(t)}Z";"{v}";"Good"', "LoggingTag;Timestamp;Value;Quality")}),
+    "abb_log": Export({"plant.csv": wide(name=lambda n: f'"$HS{n.replace(".OP", ".OUT").replace(".", ",")}-1-o"')}),
+    "dates_in_file_names": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}),
+    "periods_in_file_names": Export({f"{n}_20260317235500_20260318000500.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
     MORE[f"grouped_{key}"] = Export(
@@ -222,6 +240,27 @@ def test_parts_that_make_no_time_or_loop_are_refused(tmp_path, text, said):
     (tmp_path / "plant.csv").write_text(text)
     with pytest.raises(BacklashError, match=said):
         read(tmp_path / "plant.csv")
+
+
+@pytest.mark.parametrize(("row_of", "found"), [
+    (lambda t, v: f"{iso(t)},{v}".replace(".", ","), 13),  # decimal commas between commas
+    (lambda t, v: f"{t:%Y-%m-%d},{t:%H:%M:%S},x,{v}", 9),
+    (lambda t, v: f"{iso(t)},7,{v}", 8)])
+def test_a_header_that_names_too_few_columns_is_refused(tmp_path, row_of, found):
+    """Which name belongs to which number cannot be known."""
+    rows = [row_of(t, ",".join(f"{v[i]:.2f}" for v in SIGNALS.values())) for i, t in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join([",".join(["timestamp", *SIGNALS]), *rows]) + "\n")
+    with pytest.raises(BacklashError, match=f"header names 7 columns, the rows below have {found} cells.*semicolon"):
+        read(tmp_path / "plant.csv")
+
+
+def test_a_column_called_questionable_marks_what_is_not_good(tmp_path):
+    for n, values in SIGNALS.items():
+        rows = [f"{iso(t)},{'0' if i % 50 == 7 else cell(n, v)},{i % 50 == 7}" for i, (t, v) in enumerate(zip(STAMPS, values, strict=True))]
+        (tmp_path / f"{n}.csv").write_text("Timestamp,Value,Questionable\n" + "\n".join(rows) + "\n")
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    record = read(tmp_path)["FIC101"]
+    assert (record.measurement > 0.3).all() and any(note.code == "bad_quality" for note in record.notes)
 
 
 def test_milliseconds_may_stand_in_a_column_of_their_own(tmp_path):
