@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOptions | None = None, *,
-         jobs: int | None = None, progress: Callable[[LoopReport], None] | None = None, keep: Unfinished | None = None,
+         jobs: int | None = 1, progress: Callable[[LoopReport], None] | None = None, keep: Unfinished | None = None,
          client: Client | None = None) -> ScanResult:
     """Analyse every loop and return one report per loop, in the order of the plant.
 
-    plant: what `read` returns, one Record, or several. jobs: number of processes; None chooses, 1 stays in this
-    process. progress: called after each loop. keep: of an OpenPlant whose recipes are keyed, what was finished before
-    a scan was stopped. client: of a Dask cluster that does the work. A loop that cannot be analysed is reported with
-    verdict `error`.
+    plant: what `read` returns, one Record, or several. jobs: number of processes, None for one per core; a script that
+    asks for more than this one does so below `if __name__ == "__main__":`. progress: called after each loop. keep: of
+    an OpenPlant whose recipes are keyed, what was finished before a scan was stopped. client: of a Dask cluster that
+    does the work. A loop that cannot be analysed is reported with verdict `error`.
     """
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
     from .loaders.plant import OpenPlant
@@ -57,7 +57,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
 
 def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
                loops: str | PathLike[str] | Metadata | None = None, reading: ReadOptions | None = None,
-               options: ScanOptions | None = None, jobs: int | None = None,
+               options: ScanOptions | None = None, jobs: int | None = 1,
                progress: Callable[[LoopReport], None] | None = None,
                taken: Callable[[int], None] | None = None) -> ScanResult:
     """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.

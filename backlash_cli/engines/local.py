@@ -27,6 +27,8 @@ from ..scanning import ScanOptions, scan, scan_blocks
 from .cluster import cores, on_cluster, threads
 
 if TYPE_CHECKING:
+    from multiprocessing.synchronize import Event
+
     from distributed import Client
 
 Result = TypeVar("Result")
@@ -172,12 +174,13 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
                  ) -> Iterator[Result]:
     """Yield the result of `work` for every item, in order, worked out in `count` processes.
 
-    work: can be pickled, and answers for its own failures. lost: makes the result of an item whose process died.
+    work: can be pickled, and answers for its own failures. lost: makes the result of an item whose process died. Raises
+    BacklashError where no process starts.
     """
     # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
     context = multiprocessing.get_context("spawn")
-    others = set(multiprocessing.active_children())
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+    others, started = set(multiprocessing.active_children()), context.Event()
+    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(started,))
     try:
         waiting: list[Future[Result]] = []
         ahead = 2 * count  # items on their way to the processes; more would only fill memory
@@ -187,8 +190,11 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
                     waiting.append(pool.submit(work, coming))
                 result = waiting.pop(0).result()
             except BrokenProcessPool:  # nobody knows over which item a process died: this one is tried alone
+                if count == 1 and not started.is_set():  # each process runs the script of the first one anew
+                    raise BacklashError("no further process could be started", remedy=(
+                        "ask for one job (jobs=1); a script asks for more below if __name__ == '__main__':")) from None
                 pool.shutdown(wait=False)
-                pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin)
+                pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(started,))
                 waiting.clear()
                 if count > 1:
                     (result,) = in_processes([item], work, lost, 1)
@@ -204,7 +210,8 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
             child.join(5)
 
 
-def _begin() -> None:
+def _begin(started: Event) -> None:
+    started.set()
     warnings.simplefilter("ignore")  # as in the first process: remarks of libraries to programmers
     # Ctrl-C reaches every process of the terminal; only the first one answers it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

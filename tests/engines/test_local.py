@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -11,6 +13,7 @@ from backlash_cli.engines import local
 from backlash_cli.engines.local import analyse, processes
 from backlash_cli.record import record_from_arrays
 from backlash_cli.results import Verdict
+from tests.readme_blocks import ROOT
 from tests.small_plant import records
 
 
@@ -80,3 +83,20 @@ def test_stopping_in_the_middle_leaves_no_process(plant):
     next(iter(reports))
     reports.close()  # what an interrupt does on its way out
     assert not left(others)
+
+
+SCRIPT = """from backlash_cli import read, scan
+result = scan(read({path!r}), {options})
+print(*(report.loop for report in result.loops))
+"""
+
+
+@pytest.mark.parametrize("options", ["", "jobs=2"])
+def test_a_script_needs_no_guard_unless_it_asks_for_processes(tmp_path, options):
+    (tmp_path / "script.py").write_text(SCRIPT.format(path=str(ROOT / "sample_data" / "plant.csv"), options=options))
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    if options:
+        assert "no further process could be started -> ask for one job" in done.stderr.splitlines()[-1]
+        assert done.stderr.count("Traceback") <= 6 and not done.stdout
+    else:
+        assert done.stdout.startswith("AIC501 FIC101") and not done.stderr

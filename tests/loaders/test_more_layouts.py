@@ -210,7 +210,7 @@ MORE = {
     "rows_as_one_cell_quoted": Export({"plant.csv": '"' + wide(iso, name=lambda n: f'""{n}""', line_end='"\r\n"').rstrip('"')}),
     "savetxt": Export({"plant.txt": wide(lambda t: f"{seconds(t):.18e}", delimiter=" ", before="# ", tail=" ")}),
     "pandas_levels": Export({"plant.csv": wide(name=lambda n: f'"{tuple(n.split("."))}"')}),
-    "tag_name_above_descriptions": Export({"plant.txt": wide(delimiter="\t", time_name="Tag Name", between="Description\t" + "\t".join(["Feed flow"] * 6) + "\nUnits\t" + "\t".join("m3/h % bar kW s t".split()) + "\nTimestamp" + "\tValue" * 6)}),
+    "tag_name_above_descriptions": Export({"plant.txt": wide(delimiter="\t", time_name="Tag Name", between="Description\t" + "\t".join(["Feed flow"] * 6) + "\nUnits\t" + "\t".join(["m3/h", "%", "bar", "kW", "s", "t"]) + "\nTimestamp" + "\tValue" * 6)}),
     "rockwell_trend": Export({"plant.csv": wide(lambda t: f'"Data:","{t:%m/%d/%Y}","{t:%H:%M:%S};000"', time_name='"Header:","Date","Time"', before='"Trend Name:","Trend1"\n"Start Time:","03/17/2026","23:55:00;000"\n')}),
     "wincc_unified": Export({"plant.csv": long(lambda n, t, v: f'"HMI_RT_1::{n.replace(".", "_")}:LoggingTag_1";"{iso(t)}Z";"{v}";"Good"', "LoggingTag;Timestamp;Value;Quality")}),
     "abb_log": Export({"plant.csv": wide(name=lambda n: f'"$HS{n.replace(".OP", ".OUT").replace(".", ",")}-1-o"')}),
