@@ -1,6 +1,6 @@
 """The project's own errors: each says what is wrong, where, and how to mend it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class BacklashError(Exception):
@@ -55,5 +55,9 @@ def nearest(name: str, known: Iterable[object]) -> str:
     hits = [lower[h] for h in get_close_matches(name.lower(), list(lower), cutoff=0.5)]
     if hits:
         return f"did you mean {', '.join(hits)}?"
-    shown = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-    return f"known: {shown}" if names else "none are known here"
+    return f"known: {some(names, 12)}" if names else "none are known here"
+
+
+def some(words: Sequence[str], most: int = 8) -> str:
+    """Return the first of some words, shortened, to be shown in a message."""
+    return ", ".join(word.strip()[:40] or "(blank)" for word in words[:most]) + ", ..." * (len(words) > most)

@@ -1,30 +1,40 @@
-"""What is said of a loop to people: the sentences of words.toml with their numbers put in."""
+"""What is said to people: the sentences of words.toml with their numbers put in."""
 
 import tomllib
 from collections.abc import Mapping
 from importlib.resources import files
 from string import Formatter
+from typing import Any
 
 from .record import Note
 
-WORDS: dict[str, dict[str, str]] = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
+
+class Words(Formatter):
+    """The words.toml of a package: its tables, and the sentences in two of them, of notes and of errors."""
+
+    def __init__(self, package: str) -> None:
+        self.tables: dict[str, dict[str, Any]] = tomllib.loads((files(package) / "words.toml").read_text("utf-8"))
+
+    def format_field(self, value: Any, spec: str) -> str:
+        """A number of spans or a share is shown in per cent where its format ends so: {d:.2g%}."""
+        return f"{100.0 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)
+
+    def said(self, code: str, values: Mapping[str, object] = {}, /, **shown: object) -> str:
+        """Return the sentence of a note."""
+        return self.vformat(self.tables["notes"][code], (), {**values, **shown})
+
+    def noted(self, code: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
+        """Return a note; its code is what stands before a colon. values: kept in it; shown: only said."""
+        return Note(code.partition(":")[0], self.said(code, values, **shown), values)
+
+    def explained(self, name: str, **shown: object) -> dict[str, str]:
+        """Return the arguments of an error: what is wrong, the remedy, perhaps a code."""
+        texts = (self.vformat(text, (), shown) for text in self.tables["errors"][name])
+        return dict(zip(("what", "remedy", "code"), texts, strict=False))
 
 
-class _Shares(Formatter):
-    """A number of spans or a share is shown in per cent where its format ends so: {d:.2g%}."""
-
-    def format_field(self, value: object, spec: str) -> str:
-        return f"{100.0 * value:{spec[:-1]}} %" if spec.endswith("%") else format(value, spec)  # type: ignore[operator]
-
-
-def said(code: str, values: Mapping[str, object] = {}, /, **shown: object) -> str:
-    """Return a sentence of words.toml."""
-    return _Shares().vformat(WORDS["notes"][code], (), {**values, **shown})
-
-
-def noted(code: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
-    """Return a note of words.toml; its code is what stands before a colon. values: kept in it; shown: only said."""
-    return Note(code.partition(":")[0], said(code, values, **shown), values)
+_OWN = Words(__package__)
+WORDS, said, noted = _OWN.tables, _OWN.said, _OWN.noted
 
 
 def times(count: float) -> str:

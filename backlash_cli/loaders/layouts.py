@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 import pyarrow as pa
 
-from ..errors import InputError
+from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text
-from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_name, plain, signal_role, some, split_tag
+from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_name, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words

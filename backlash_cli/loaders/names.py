@@ -1,16 +1,14 @@
 """Names of columns and tags: which signal of which loop is this? The words that are known stand in words.toml."""
 
 import re
-import tomllib
-from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from importlib.resources import files
 from itertools import product
-from typing import Any
 
-from ..record import Frozen, Note
+from ..record import Frozen
+from ..words import Words
 
-WORDS: dict[str, dict[str, Any]] = tomllib.loads((files(__package__) / "words.toml").read_text("utf-8"))
+_OWN = Words(__package__)
+WORDS, explained, noted = _OWN.tables, _OWN.explained, _OWN.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
@@ -21,6 +19,7 @@ _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)")  # \\SERVER\ or ns=2;s= before a tag
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
+_WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -38,22 +37,6 @@ class Tag(Frozen):
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
     return re.sub(r"[\s.,_\-/:\\#*'\"|$~]+", "", _UNIT.sub("", text)).lower()
-
-
-def explained(name: str, **values: object) -> dict[str, str]:
-    """Return the arguments of an error of words.toml: what is wrong, the remedy, perhaps a code; values: shown."""
-    texts = (text.format(**values) for text in WORDS["errors"][name])
-    return dict(zip(("what", "remedy", "code"), texts, strict=False))
-
-
-def noted(name: str, values: Mapping[str, float | str] = {}, /, **shown: object) -> Note:
-    """Return a note of words.toml; its code is the name up to a colon. values: kept in it; shown: only said."""
-    return Note(name.partition(":")[0], WORDS["notes"][name].format(**values, **shown), values)
-
-
-def some(words: Sequence[str], most: int = 8) -> str:
-    """Return the first of some words, shortened, to be shown in a message."""
-    return ", ".join(word.strip()[:40] or "(blank)" for word in words[:most]) + ", ..." * (len(words) > most)
 
 
 def signal_role(text: str) -> str:
@@ -81,8 +64,8 @@ def split_tag(text: str) -> Tag:
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     known = any(plain(piece) in COLUMNS["time"] or is_quality_name(plain(piece)) for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
-        whole = {tag for p in pieces if " " not in p and (p == pieces[0] or re.search(r"\d", p))
-                 and (tag := split_tag(p)).loop and tag.role in SIGNALS}
+        whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
+            p == pieces[0] or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
         if len(whole) == 1:
             return whole.pop()
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:

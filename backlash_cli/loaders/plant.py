@@ -9,12 +9,12 @@ from os import PathLike
 import numpy as np
 from pyarrow.lib import ArrowException
 
-from ..errors import BacklashError, InputError, LoopError, UsageError, nearest
+from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, some
 from ..record import Frozen, Note, Record, failure, utc_text
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
-from .names import explained, noted, some
+from .names import explained, noted
 from .options import ReadOptions, check_pattern, parse_since, sample_size
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags
 from .sources import Source, find_sidecars, find_sources, read_metadata

@@ -15,12 +15,12 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BacklashError, LoopError
+from ..errors import BacklashError, LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, explained, noted, plain, some
+from .names import SIGNALS, explained, noted, plain
 from .states import good_samples, lone_zeros
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run

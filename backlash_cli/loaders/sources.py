@@ -18,10 +18,10 @@ from typing import Any, BinaryIO, cast
 from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
 
-from ..errors import BacklashError, InputError, MetadataError, nearest
+from ..errors import BacklashError, InputError, MetadataError, nearest, some
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
-from .names import COLUMNS, WORDS, explained, plain, some
+from .names import COLUMNS, WORDS, explained, plain
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)

@@ -6,9 +6,10 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import some
 from ..record import FloatArray, IntArray, Note, SampleState
 from .cells import Cells
-from .names import WORDS, noted, some
+from .names import WORDS, noted
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit

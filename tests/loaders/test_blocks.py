@@ -52,7 +52,7 @@ def read_in(path, options=None, room=0, block=3001, head=400):
         patch.setattr(opening, "BLOCK", max(block, 1000))
         patch.setattr(opening, "CHUNK", block)
         patch.setattr(opening, "HEAD_LINES", head)
-        patch.setattr(opening, "JOINED", 8)
+        patch.setattr(opening, "JOINED", min(opening.JOINED, head // 2))
         patch.setattr(opening, "HEAD_SIZE", 1)
         patch.setattr(tables, "TOGETHER", 5 * block)  # some blocks are stored as one piece
         opened = open_plant(path, options=options, room=Room(room))
