@@ -34,7 +34,7 @@ class Words(Formatter):
 
 
 _OWN = Words(__package__)
-WORDS, said, noted = _OWN.tables, _OWN.said, _OWN.noted
+WORDS, said, noted, explained = _OWN.tables, _OWN.said, _OWN.noted, _OWN.explained
 
 
 def times(count: float) -> str:

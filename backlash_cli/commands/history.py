@@ -85,10 +85,10 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
     with History(path, say=say) as store:
         names = chosen(store, loop)
         if repair:
-            name, date, note = repair
-            chosen(store, [name])
-            new = store.mark_repair(name, moment_of(date), note)
-            say(f"repair of {name} on {date} {'entered' if new else 'was already entered'}: {note}")
+            pattern, date, note = repair
+            for name in chosen(store, [pattern]):
+                new = store.mark_repair(name, moment_of(date), note)
+                say(f"repair of {name} on {date} {'entered' if new else 'was already entered'}: {note}")
         if remove_repair:
             name, date = remove_repair
             if not store.remove_repair(name, moment_of(date)):

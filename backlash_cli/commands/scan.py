@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import gc
-import re
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
 
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
-_STAMP = re.compile(  # a date, perhaps with a time, at the end of a file's name
-    r"[ _.-]+(19|20)\d\d[-_.]?(0[1-9]|1[0-2])[-_.]?(0[1-9]|[12]\d|3[01])([ _T.-]?\d\d[-_:]?\d\d([-_:]?\d\d)?)?$"
-)
 
 
 @command
@@ -199,7 +195,7 @@ def remember(result: ScanResult, history: Path, job: Job) -> None:
     from ..reporter.templates import sentence
 
     with History(history, create=True, say=say) as store:
-        outcome = store.add(*(undated(part) for part in _one_by_one(result, job) or [result]))
+        outcome = store.add(*map(undated, _one_by_one(result, job) or [result]))
     if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
@@ -229,5 +225,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
 
 
 def undated(result: ScanResult) -> ScanResult:
-    """Return the result with the date taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
-    return replace(result, loops=tuple(replace(r, loop=_STAMP.sub("", r.loop) or r.loop) for r in result.loops))
+    """Return the result with the dates taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
+    from ..loaders import names
+
+    return replace(result, loops=tuple(replace(r, loop=names.undated(r.loop)) for r in result.loops))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
-from fnmatch import fnmatchcase
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +13,7 @@ import msgspec
 from ..errors import MetadataError, nearest
 from ..record import Frozen
 from ..results.history import Limit
+from ..selection import fits
 from ..toml_text import Page, checked, line_of, parsed, read_page
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Limits(Frozen):
 
     def of(self, loop: str) -> Limit:
         """Return the limit of a loop: its own, else that of the first pattern that fits, else the default's."""
-        fitting = (name for pattern, name in self.assign if fnmatchcase(loop.lower(), pattern.lower()))
+        fitting = (name for pattern, name in self.assign if fits(loop, [pattern]))
         return self.loops.get(loop) or self.classes[next(fitting, self.default)]
 
     def known(self, name: str, where: str) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from ..errors import UsageError, nearest
 from ..results import Verdict
 from ..results.history import DAY, Night, Place, Wear
+from ..selection import fits
 from .limits import Limits
 from .store import History
 from .trend import wear
@@ -78,9 +79,8 @@ def _placed(wear: Wear, recent: Sequence[Night], factor: float, last: float, hor
 
 
 def chosen(history: History, names: Sequence[str]) -> list[str]:
-    """Return all loops, or the named ones after a look whether they exist."""
+    """Return all loops, or those that names or patterns fit. Raises UsageError for one that fits none."""
     known = history.loops()
-    for name in names:
-        if name not in known:
-            raise UsageError(f"the history has no loop {name!r}", where=str(history.path), remedy=nearest(name, known))
-    return [name for name in known if not names or name in names]
+    if lost := next((name for name in names if not any(fits(loop, [name]) for loop in known)), None):
+        raise UsageError(f"the history has no loop {lost!r}", where=str(history.path), remedy=nearest(lost, known))
+    return [loop for loop in known if fits(loop, names)]

@@ -11,7 +11,18 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text
-from .names import COLUMNS, SIGNALS, Tag, explained, is_quality_name, is_time_name, plain, signal_role, split_tag
+from .names import (
+    COLUMNS,
+    SIGNALS,
+    Tag,
+    explained,
+    is_quality_name,
+    is_time_name,
+    plain,
+    signal_role,
+    split_tag,
+    undated,
+)
 from .options import ReadOptions
 from .signals import Series
 from .states import quality_words
@@ -253,9 +264,9 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
         elif only and (not name or head.plain[i] in VALUE):
-            name = home or head.stem
-        elif only and not tags[i].loop and split_tag(head.stem).role in SIGNALS:
-            name = head.stem
+            name = home or undated(head.stem)
+        elif only and not tags[i].loop and split_tag(undated(head.stem)).role in SIGNALS:
+            name = undated(head.stem)
         one = of_tag(head, layout, name, i, place)
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)

@@ -20,6 +20,8 @@ _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)") 
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
+_DATED = re.compile(r"(?:[ _.-]+(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
+                    r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -37,6 +39,11 @@ class Tag(Frozen):
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
     return re.sub(r"[\s.,_\-/:\\#*'\"|$~]+", "", _UNIT.sub("", text)).lower()
+
+
+def undated(stem: str) -> str:
+    """Return the name of a file without the dates, perhaps with times, at its end: FIC101.PV_20260302_2155."""
+    return _DATED.sub("", stem) or stem
 
 
 def signal_role(text: str) -> str:

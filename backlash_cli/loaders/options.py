@@ -1,21 +1,17 @@
 """What a user may say about an export when the file itself does not say it clearly."""
 
 import contextlib
-import math
 import re
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
-from fnmatch import fnmatchcase
-from functools import lru_cache
 from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
 from ..record import Frozen
+from ..selection import check_pattern, sample_size
 from .grid import SECOND
 from .names import explained
 
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds")
-LOOP_OPTIONS = "--loop, --loops-matching"
 _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
 _AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
@@ -82,30 +78,6 @@ class ReadOptions(Frozen):
             sample_size(self.sample, 1)
         if self.since is not None:
             parse_since(self.since, self.timezone)
-
-
-def sample_size(text: str, loops: int) -> int:
-    """Return how many of so many loops "20" or "5%" means, a percentage rounded up. Raises UsageError."""
-    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(%?)\s*", text)
-    number, percent = (float(found[1]), bool(found[2])) if found else (0.0, False)
-    if not number or (number > 100.0 if percent else number % 1.0):
-        raise UsageError(**explained("sample", text=text), where="--sample")
-    return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))
-
-
-@lru_cache
-def check_pattern(pattern: str) -> Callable[[str], bool]:
-    """Return the test of a wildcard, or of a /regular expression/, on a loop's name. Raises UsageError for neither."""
-    if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
-        try:
-            expression = re.compile(pattern[1:-1], re.IGNORECASE)
-        except (re.error, OverflowError, RecursionError) as error:
-            raise UsageError(**explained("expression", text=pattern, error=error), where=LOOP_OPTIONS) from None
-        return lambda name: expression.search(name) is not None
-    if not pattern:
-        raise UsageError(**explained("empty_pattern"), where=LOOP_OPTIONS)
-    lower = pattern.lower()
-    return lambda name: fnmatchcase(name.lower(), lower)
 
 
 def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:

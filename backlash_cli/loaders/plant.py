@@ -1,7 +1,6 @@
 """Read exports: files to signals, signals to loops, loops to records; which loops, and from when on."""
 
 import contextlib
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from os import PathLike
@@ -11,11 +10,12 @@ from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, some
 from ..record import Frozen, Note, Record, failure, utc_text
+from ..selection import choose, fits
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
 from .names import explained, noted
-from .options import ReadOptions, check_pattern, parse_since, sample_size
+from .options import ReadOptions, parse_since
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
@@ -199,42 +199,10 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
-        return any(_fits(name, options.only_loops) and _fits(name, options.loops_matching) for name in names if name)
+        return any(fits(name, options.only_loops) and fits(name, options.loops_matching) for name in names if name)
 
     return lambda one: wanted(one.loop) or any(wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ())) or (
         not options.only_loops and not options.loops_matching)
-
-
-def _fits(name: str, patterns: Sequence[str]) -> bool:
-    return not patterns or any(name == pattern or check_pattern(pattern)(name) for pattern in patterns)
-
-
-def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
-           seed: int = 0) -> tuple[list[str], list[Note]]:
-    """Return the loops that are wanted of all `names`, in order, and what was left out and why. Raises UsageError for a
-    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of the rest."""
-    everything = sorted(set(names))
-    for pattern in only:
-        if not any(_fits(name, [pattern]) for name in everything):
-            raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
-    named = [name for name in everything if _fits(name, only)]
-    fitting = [name for name in named if _fits(name, matching)]
-    words = " or ".join(map(repr, matching))
-    if matching and not fitting:
-        raise UsageError(f"none of {len(named)} loops matches {words}", where="--loops-matching",
-                         remedy=nearest(matching[0], everything))
-    drawn = fitting
-    if sample is not None:  # those of the smallest hash with the seed, so that a growing plant keeps them
-        by_hash = sorted(fitting, key=lambda name: hashlib.sha256(
-            f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())
-        drawn = sorted(by_hash[: sample_size(sample, len(fitting))])
-    notes: list[Note] = []
-    if left := len(named) - len(fitting):
-        notes.append(noted("not_matching", {"loops": float(left)}, of=len(named), words=words))
-    if left := len(fitting) - len(drawn):
-        notes.append(noted("sampled", {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)},
-                           count=len(drawn), of=len(fitting), sample=sample, names=some(drawn)))
-    return drawn, notes
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None

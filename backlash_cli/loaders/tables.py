@@ -1,7 +1,6 @@
 """Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
 import contextlib
-import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -32,7 +31,6 @@ TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
-_DATES = re.compile(r"(?:[-_. ]+(?:19|20)\d\d(?:[-_.T]?\d\d){2,5})+$")  # FIC101.PV_20260317_20260318: no part of a tag
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -198,9 +196,9 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
-        name = _DATES.sub("", stem if kind in ("workbook", "parquet") and len(parts) == 1 else name)
+        name = stem if kind == "workbook" and len(parts) == 1 else name
         try:
-            table = ParquetTable(path, name, options, source.partition) if kind == "parquet" else TextTable(
+            table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, source.partition)
             layout = layout_of(table.head, options)
         except InputError as error:

@@ -117,6 +117,8 @@ def test_the_list_names_loops_nights_verdicts_and_repairs(capfd, db):
     assert done.status == 0 and "FIC101  60" in done.out and "60 backlash" in done.out
     assert run(capfd, "history", "--history", db, "--runs").out.count("FIC101.csv") == 60
     assert run(capfd, "history", db, "--loop", "FIC10").status == 2
+    chosen = run(capfd, "history", db, "--loop", "fic1*", "--loop", "/^T/").out
+    assert "FIC101" in chosen and "TIC1" in chosen and "LIC" not in chosen
 
 
 def test_export_to_csv_and_parquet(capfd, db, tmp_path):
@@ -141,6 +143,7 @@ def test_a_repair_is_entered_taken_back_and_splits_the_trend(capfd, db, tmp_path
     assert [s["nights"] for s in loop["segments"]] == [20, 40]
     assert loop["repairs"] == [{"date": "2026-03-21", "time": "2026-03-21T00:00:00Z", "note": "new packing",
                                 "found": False, "before": None, "after": None}]
+    assert run(capfd, "history", path, "--repair", "*IC1", "2026-03-25", "shutdown").err.count("entered: shutdown") == 1
     assert run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-22").status == 2
     assert "taken back" in run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-21").err
     for bad in (("FIC1", "2026-03-21"), ("FIC101", "yesterday")):

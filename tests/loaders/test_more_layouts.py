@@ -214,8 +214,8 @@ MORE = {
     "rockwell_trend": Export({"plant.csv": wide(lambda t: f'"Data:","{t:%m/%d/%Y}","{t:%H:%M:%S};000"', time_name='"Header:","Date","Time"', before='"Trend Name:","Trend1"\n"Start Time:","03/17/2026","23:55:00;000"\n')}),
     "wincc_unified": Export({"plant.csv": long(lambda n, t, v: f'"HMI_RT_1::{n.replace(".", "_")}:LoggingTag_1";"{iso(t)}Z";"{v}";"Good"', "LoggingTag;Timestamp;Value;Quality")}),
     "abb_log": Export({"plant.csv": wide(name=lambda n: f'"$HS{n.replace(".OP", ".OUT").replace(".", ",")}-1-o"')}),
-    "dates_in_file_names": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}),
     "periods_in_file_names": Export({f"{n}_20260317235500_20260318000500.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "dates_in_file_names": Export({f"{n}_{part}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for i, (t, x) in enumerate(zip(STAMPS, v, strict=True)) if i // 300 == k) for n, v in SIGNALS.items() for k, part in enumerate(["20260317", "2026-03-18"])}),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():

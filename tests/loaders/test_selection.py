@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from backlash_cli.errors import BacklashError, InputError, UsageError
 from backlash_cli.loaders import ReadOptions, read
 from backlash_cli.loaders.options import parse_since
-from backlash_cli.loaders.plant import choose, sample_size
+from backlash_cli.selection import choose, sample_size
 from tests.small_plant import write_plant
 
 NAMES = [f"FIC{k}" for k in range(100, 140)] + [f"TIC{k}" for k in range(200, 210)]

@@ -1,0 +1,71 @@
+"""Which loops of a plant are wanted: names, wildcards, expressions, a sample."""
+
+import hashlib
+import math
+import re
+from collections.abc import Callable, Iterable, Sequence
+from fnmatch import fnmatchcase
+from functools import lru_cache
+
+from .errors import UsageError, nearest, some
+from .record import Note
+from .words import explained, noted
+
+LOOP_OPTIONS = "--loop, --loops-matching"
+
+
+def sample_size(text: str, loops: int) -> int:
+    """Return how many of so many loops "20" or "5%" means, a percentage rounded up. Raises UsageError."""
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(%?)\s*", text)
+    number, percent = (float(found[1]), bool(found[2])) if found else (0.0, False)
+    if not number or (number > 100.0 if percent else number % 1.0):
+        raise UsageError(**explained("sample", text=text), where="--sample")
+    return min(loops, math.ceil(number / 100.0 * loops - 1e-9) if percent else int(number))
+
+
+@lru_cache
+def check_pattern(pattern: str) -> Callable[[str], bool]:
+    """Return the test of a wildcard, or of a /regular expression/, on a loop's name. Raises UsageError for neither."""
+    if len(pattern) > 2 and pattern.startswith("/") and pattern.endswith("/"):
+        try:
+            expression = re.compile(pattern[1:-1], re.IGNORECASE)
+        except (re.error, OverflowError, RecursionError) as error:
+            raise UsageError(**explained("expression", text=pattern, error=error), where=LOOP_OPTIONS) from None
+        return lambda name: expression.search(name) is not None
+    if not pattern:
+        raise UsageError(**explained("empty_pattern"), where=LOOP_OPTIONS)
+    lower = pattern.lower()
+    return lambda name: fnmatchcase(name.lower(), lower)
+
+
+def fits(name: str, patterns: Sequence[str]) -> bool:
+    """Say whether a loop is one of those named, or fits one of the patterns; all do where there are none."""
+    return not patterns or any(name == pattern or check_pattern(pattern)(name) for pattern in patterns)
+
+
+def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[str] = (), sample: str | None = None,
+           seed: int = 0) -> tuple[list[str], list[Note]]:
+    """Return the loops that are wanted of all `names`, in order, and what was left out and why. Raises UsageError for a
+    name or patterns that nothing fits. only: each must exist. matching: one must. sample: "20" or "5%" of the rest."""
+    everything = sorted(set(names))
+    for pattern in only:
+        if not any(fits(name, [pattern]) for name in everything):
+            raise UsageError(f"no loop {pattern!r} in the data", where="--loop", remedy=nearest(pattern, everything))
+    named = [name for name in everything if fits(name, only)]
+    fitting = [name for name in named if fits(name, matching)]
+    words = " or ".join(map(repr, matching))
+    if matching and not fitting:
+        raise UsageError(f"none of {len(named)} loops matches {words}", where="--loops-matching",
+                         remedy=nearest(matching[0], everything))
+    drawn = fitting
+    if sample is not None:  # those of the smallest hash with the seed, so that a growing plant keeps them
+        by_hash = sorted(fitting, key=lambda name: hashlib.sha256(
+            f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())
+        drawn = sorted(by_hash[: sample_size(sample, len(fitting))])
+    notes: list[Note] = []
+    if left := len(named) - len(fitting):
+        notes.append(noted("not_matching", {"loops": float(left)}, of=len(named), words=words))
+    if left := len(fitting) - len(drawn):
+        notes.append(noted("sampled", {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)},
+                           count=len(drawn), of=len(fitting), sample=sample, names=some(drawn)))
+    return drawn, notes
