@@ -13,7 +13,7 @@ SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 NESTED_LIMIT = 500  # longer names are taken apart once only
-_PART = re.compile(r"(?:^|[.,\-_/:\\|#$~ ]+)([^.,\-_/:\\|#$~ ]+)")
+_PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ ])+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)")  # \\SERVER\ or ns=2;s= before a tag
@@ -38,7 +38,7 @@ class Tag(Frozen):
 @lru_cache(1 << 16)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s.,_\-/:\\#*'\"|$~]+", "", _UNIT.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|$~>]+", "", _UNIT.sub("", text)).lower()
 
 
 def undated(stem: str) -> str:

@@ -189,6 +189,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
         notes = (noted("not_in_metadata", loop=name[:60]),)
     elif values is not None and origin not in ("", name) and metadata.match(origin) is None:
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
+    if (pv := series.roles.get("pv", [])) and pv[0].tag == name and not (values and values.values.get("pv")):
+        notes += (noted("bare_pv", loop=name[:60]),)
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
@@ -201,7 +203,7 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
         return any(fits(name, options.only_loops) and fits(name, options.loops_matching) for name in names if name)
 
-    return lambda one: wanted(one.loop) or any(wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ())) or (
+    return lambda one: wanted(one.loop or one.tag) or any(wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ())) or (
         not options.only_loops and not options.loops_matching)
 
 

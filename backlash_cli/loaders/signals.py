@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
@@ -282,6 +282,11 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         # unless the metadata name another tag for this signal
         if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
+    bare = defaultdict[str, list[Series]](list)  # FIC101 beside FIC101.SP and FIC101.OP is the measurement
+    for item in series:
+        bare["" if item.loop else item.tag].append(item)
+    for loop in (loop for loop in loops.keys() & bare.keys() if "pv" not in asked.get(loop, {})):
+        loops[loop].roles.setdefault("pv", bare[loop])
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import read
+from backlash_cli.loaders import ReadOptions, read
 
 from .exports import RANGES, SETTINGS, SIGNALS, STAMPS, Export, arrow, cell, iso, long, wide
 from .test_layouts import comma, same_recording, seconds, single
@@ -216,6 +216,8 @@ MORE = {
     "abb_log": Export({"plant.csv": wide(name=lambda n: f'"$HS{n.replace(".OP", ".OUT").replace(".", ",")}-1-o"')}),
     "periods_in_file_names": Export({f"{n}_20260317235500_20260318000500.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
     "dates_in_file_names": Export({f"{n}_{part}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for i, (t, x) in enumerate(zip(STAMPS, v, strict=True)) if i // 300 == k) for n, v in SIGNALS.items() for k, part in enumerate(["20260317", "2026-03-18"])}),
+    "arrow": Export({"plant.csv": wide(name=lambda n: n.replace(".", "->"))}),
+    "tag_alone_is_pv": Export({"plant.csv": wide(name=lambda n: n.removesuffix(".PV"))}, notes=("bare_pv",)),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
@@ -252,6 +254,14 @@ def test_a_header_that_names_too_few_columns_is_refused(tmp_path, row_of, found)
     (tmp_path / "plant.csv").write_text("\n".join([",".join(["timestamp", *SIGNALS]), *rows]) + "\n")
     with pytest.raises(BacklashError, match=f"header names 7 columns, the rows below have {found} cells.*semicolon"):
         read(tmp_path / "plant.csv")
+
+
+def test_a_tag_that_the_loops_file_names_goes_before_a_bare_one(tmp_path):
+    (tmp_path / "plant.csv").write_text(wide(name=lambda n: n.removesuffix(".PV")))
+    (tmp_path / "loops.toml").write_text(SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FI101"'))
+    plant = read(tmp_path / "plant.csv")
+    assert [r.loop for r in plant] == ["PIC303"] and plant.failures[0].code == "tag_not_found"
+    assert [r.loop for r in read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("PIC303",)))] == ["PIC303"]
 
 
 def test_a_column_called_questionable_marks_what_is_not_good(tmp_path):
