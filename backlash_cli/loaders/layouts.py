@@ -37,7 +37,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
     look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
-    rest is of text: first_line and offset, where data begin; end: of what was looked at."""
+    rest is of text: first_line and offset, where data begin; end: of what was looked at; header: line above the data
+    that may not come again, as another tag would follow."""
 
     where: str
     stem: str
@@ -50,6 +51,7 @@ class Head(Frozen):
     first_line: int = 0
     offset: int = 0
     end: int = 0
+    header: str = ""
 
     @cached_property
     def plain(self) -> list[str]:

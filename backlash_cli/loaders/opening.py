@@ -24,7 +24,18 @@ from ..errors import InputError
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import COLUMNS, WORDS, explained, is_quality_name, is_time_name, noted, plain, signal_role, split_tag
+from .names import (
+    COLUMNS,
+    SIGNALS,
+    WORDS,
+    explained,
+    is_quality_name,
+    is_time_name,
+    noted,
+    plain,
+    signal_role,
+    split_tag,
+)
 from .options import ReadOptions
 from .sources import Remote, is_export, stem_of
 from .times import stamp_kind
@@ -280,9 +291,12 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    return Head(where, stem, header_of(before, kinds, options, where), (), kinds, partition,
+    names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
+    title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and t.role in SIGNALS), "")
+    titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
+    return Head(where, title if titled else stem, names, (), kinds, partition,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end)
+                lines[first][1], end, lines[first - 1][2] if titled else "")
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:

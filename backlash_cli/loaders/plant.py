@@ -203,8 +203,8 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]
         return any(fits(name, options.only_loops) and fits(name, options.loops_matching) for name in names if name)
 
-    return lambda one: wanted(one.loop or one.tag) or any(wanted(loop) for loop, _ in owners.get(one.tag.strip().lower(), ())) or (
-        not options.only_loops and not options.loops_matching)
+    return lambda one: not (options.only_loops or options.loops_matching) or any(
+        map(wanted, [one.loop or one.tag, *(loop for loop, _ in owners.get(one.tag.strip().lower(), ()))]))
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None

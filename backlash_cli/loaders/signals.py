@@ -20,7 +20,7 @@ from ..record import FloatArray, Frozen, IntArray, Note
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, explained, noted, plain
+from .names import SIGNALS, explained, noted, plain, undated
 from .states import good_samples, lone_zeros
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
@@ -272,7 +272,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
     present = {item.loop for item in series if item.loop} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    counts = Counter(found.values())
+    counts = Counter(match for _, match in {(undated(name), match) for name, match in found.items()})
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     for item in series:
         owners = explicit.get(item.tag.strip().lower(), ())

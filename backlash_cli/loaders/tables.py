@@ -63,6 +63,8 @@ class TextTable:
         for block in chain([self.text.head], self.text.rest):
             if block.isspace():
                 continue
+            if self.head.header and self.head.header.encode() in block:
+                raise InputError(**explained("stacked"), where=self.where)
             before = len(self._bad)
             try:
                 table = self._parsed(block, types)

@@ -218,6 +218,8 @@ MORE = {
     "dates_in_file_names": Export({f"{n}_{part}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for i, (t, x) in enumerate(zip(STAMPS, v, strict=True)) if i // 300 == k) for n, v in SIGNALS.items() for k, part in enumerate(["20260317", "2026-03-18"])}),
     "arrow": Export({"plant.csv": wide(name=lambda n: n.replace(".", "->"))}),
     "tag_alone_is_pv": Export({"plant.csv": wide(name=lambda n: n.removesuffix(".PV"))}, notes=("bare_pv",)),
+    "tag_above_its_table": Export({f"export{k}.csv": f"Tag:,{n}\nDescription:,Feed flow\n\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for k, (n, v) in enumerate(SIGNALS.items())}),
+    "loops_of_dated_files": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}, notes=("matched_name",)),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
@@ -262,6 +264,14 @@ def test_a_tag_that_the_loops_file_names_goes_before_a_bare_one(tmp_path):
     plant = read(tmp_path / "plant.csv")
     assert [r.loop for r in plant] == ["PIC303"] and plant.failures[0].code == "tag_not_found"
     assert [r.loop for r in read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("PIC303",)))] == ["PIC303"]
+
+
+def test_tables_one_below_the_other_are_refused(tmp_path):
+    """The second one is of another tag."""
+    text = "".join(f"Tag: {n}\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items())
+    (tmp_path / "plant.csv").write_text(text)
+    with pytest.raises(BacklashError, match=r"plant.csv: tables stand one below the other -> export every tag"):
+        read(tmp_path / "plant.csv")
 
 
 def test_a_column_called_questionable_marks_what_is_not_good(tmp_path):
