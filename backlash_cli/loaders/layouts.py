@@ -30,7 +30,6 @@ from .times import DATE, DATES, OF_DAY, is_midnight, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
-_HALVES = ({"AM"}, {"PM"}, {"AM", "PM"})  # of a day, in a column of their own
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -86,9 +85,9 @@ class Head(Frozen):
             found |= dict.fromkeys([u for u in units if u not in found and self.plain[i] in COLUMNS[u]][:1], i)
         clocks = {i: unit_of_day(self.columns[i], self.names[i]) for i in self.numbers if self.plain[i] in CLOCK}
         date = next((parts for parts in DATES if {*parts} <= found.keys()), ())
-        halves = [i for i in self.texts if {word.strip().upper() for word in self.words(i)} in _HALVES]
-        return clocks | {i: unit for unit, i in found.items() if unit in (*date, *OF_DAY)} | dict.fromkeys(
-            halves, "half")
+        halves = [i for i in self.texts if (self.plain[i] == "ampm" or not self.tags[i].role) and " ".join(
+            sorted({word.strip().upper() for word in self.words(i)})) in ("AM", "PM", "AM PM")]
+        return clocks | dict.fromkeys(halves, "half") | {i: u for u, i in found.items() if u in (*date, *OF_DAY)}
 
     @cached_property
     def texts(self) -> list[int]:
@@ -139,7 +138,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
               and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
     named = [i for i in values if head.plain[i] in VALUE]
-    single = len(named) == 1 and all(i in named or i in texts for i in values)  # a tag in a file of its own
+    single = len(named) == 1 and all(  # a tag in a file of its own
+        i in named or (i in texts and head.tags[i].role in ("", "quality")) for i in values)
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     rest = [i for i in values if i not in named]
@@ -265,10 +265,9 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
-        elif only and (not name or head.plain[i] in VALUE):
+        elif only and (not name or head.plain[i] in VALUE or (
+                not tags[i].loop and split_tag(undated(head.stem)).role in SIGNALS)):
             name = home or undated(head.stem)
-        elif only and not tags[i].loop and split_tag(undated(head.stem)).role in SIGNALS:
-            name = undated(head.stem)
         one = of_tag(head, layout, name, i, place)
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)

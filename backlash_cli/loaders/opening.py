@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, lru_cache, partial, reduce
-from itertools import chain, islice
+from itertools import accumulate, chain, islice
 from pathlib import Path, PurePosixPath
 from typing import Any
 from zipfile import BadZipFile, ZipFile
@@ -292,7 +292,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
     names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
-    title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and t.role in SIGNALS), "")
+    title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
     return Head(where, title if titled else stem, names, (), kinds, partition,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
@@ -439,10 +439,10 @@ def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
     lines, at, offset = [*islice(stream, HEAD_LINES), *stream.readlines(HEAD_SIZE)], 0, 0
     last = len(lines) - (JOINED if stream.read(1) else 0)
     while at < last:
-        line, count = lines[at], 1
-        if line.count('"') % 2:  # an open quote: go on to the line that closes it, if one comes soon
-            count = next((k for k in range(2, JOINED + 1) if "".join(lines[at : at + k]).count('"') % 2 == 0), 1)
-            line = "".join(lines[at : at + count])
+        counts = accumulate(line.count('"') for line in lines[at : at + JOINED])
+        # an open quote: go on to the line that closes it, if one comes soon
+        count = next((k for k, quotes in enumerate(counts, 1) if quotes % 2 == 0), 1)
+        line = "".join(lines[at : at + count])
         found.append((at + 1, offset, line.rstrip("\r\n")))
         offset += len(line.encode())
         at += count

@@ -35,15 +35,12 @@ class Plant(Frozen):
 
     def __getitem__(self, name: str) -> Record:
         """Return one loop. Raises LoopError when it could not be read, UsageError when it does not exist."""
-        by_name = {record.loop: record for record in self.records}
-        same = [record for record in self.records if record.loop.lower() == name.lower()]
-        if name in by_name:
-            return by_name[name]
         if lost := next((note for note in self.failures if note.values.get("loop") == name), None):
             raise LoopError(lost.message, code=lost.code)
+        same = [r for r in self if r.loop == name] or [r for r in self if r.loop.lower() == name.lower()]
         if len(same) == 1:
             return same[0]
-        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, by_name))
+        raise UsageError(f"no loop {name!r} in the data", where="--loop", remedy=nearest(name, [r.loop for r in self]))
 
     def __len__(self) -> int:
         return len(self.records)

@@ -372,7 +372,8 @@ def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Seri
     chosen: list[Series] = []
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():
-        ranks = [priority.get(plain(item.signal), 99) for item in items]
+        # FIC101.PV goes before FIC101.PV.MAX and "Deviation [FIC101.PV]"
+        ranks = [(priority.get(plain(s.signal), 99), len(s.tag) > len(s.loop) + len(s.signal) + 1) for s in items]
         first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):
             names = some([item.tag for item in items])
