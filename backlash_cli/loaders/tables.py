@@ -60,9 +60,7 @@ class TextTable:
         first_bad, self._bad = self._bad[0][0] if self._bad else None, []
         del self.text.head[: self.head.offset]
         tables: list[pa.Table] = []
-        for block in chain([self.text.head], self.text.rest):
-            if block.isspace():
-                continue
+        for block in (block for block in chain([self.text.head], self.text.rest) if not block.isspace()):
             if self.head.header and self.head.header.encode() in block:
                 raise InputError(**explained("stacked"), where=self.where)
             before = len(self._bad)
