@@ -24,7 +24,7 @@ _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
                    r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
-_CLOCK = re.compile(r"^\d+[:/-]\d")  # a time or a date is no measurement
+_CLOCK = re.compile(r"^\d+(?:[:/-]\d|-[^\W\d_]|\. +[^\W\d_])")  # a time or a date, such as 16-Jul, is no measurement
 
 
 class Lexicon(Frozen, eq=False):
@@ -77,7 +77,8 @@ class Cells(Frozen, eq=False):
         units, tally = [all_units[i].lower() for i in used], Counter[str]()
         for unit, count in zip(units, np.bincount(which).tolist(), strict=True):
             tally[unit] += count * bool(unit)
-        main = tally.most_common(1)[0][0]
+        plain = int(np.count_nonzero(np.isfinite(self.values)))
+        main = "" if plain > tally.total() or (plain and tally.keys() & {"k", "m"}) else tally.most_common(1)[0][0]
         flags[rows] = (bad[used] | [unit not in ("", main) for unit in units])[which]
         out = np.where(flags, np.nan, self.values)
         out[rows] = np.where(flags[rows], np.nan, values[used][which])
@@ -156,8 +157,11 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
 
 def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
     """Return the values of the texts that are plain finite numbers, nan for all others."""
-    text = pc.replace_substring(pc.utf8_trim_whitespace(pa.array(words, pa.large_string())), decimal, ".")
+    given = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
+    text = pc.replace_substring(given, decimal, ".")
     chosen = pc.match_substring_regex(text, _NUMBER)
+    if decimal != ".":  # there a point is a thousands separator
+        chosen = pc.and_(chosen, pc.invert(pc.match_substring(given, ".")))
     values = to_array(pc.utf8_ltrim(pc.if_else(chosen, text, None), "+").cast(pa.float64()))
     return np.where(np.isinf(values), np.nan, values)
 

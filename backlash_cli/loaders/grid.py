@@ -102,6 +102,8 @@ def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes:
     before = stamps[back]
     lost = before - stamps[back + 1] + step
     hour = np.abs(lost - HOUR) <= 2 * step
+    if np.any(~hour & (lost > np.ptp(stamps) / 2)):  # another recording
+        return None
     day, clock = divmod(int(before[0]), DAY)
     sunday = len(back) == 1 and (day + 3) % 7 == 6 and clock <= 4 * HOUR and bool(hour[0]) and 2 * step < HOUR
     turn = np.argsort(stamps, kind="stable")
@@ -134,7 +136,8 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     inner, steps = counts[1:-1], np.diff(unique)
     usual, width = int(np.median(inner)), int(np.median(steps))
     steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
-    if not 2 <= usual <= width or not steady or counts.max() > usual + 1:
+    whole = width in (SECOND // 1000, SECOND // 100, SECOND // 10, SECOND, 60 * SECOND, HOUR)  # what stamps are cut to
+    if not (whole and 2 <= usual <= width and steady) or counts.max() > usual + 1:
         return None
     rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = np.where(np.abs(counts - usual) <= 1, counts, usual)

@@ -93,7 +93,7 @@ def split_tag(text: str) -> Tag:
     for drop, words in product((2, 1, 0), (3, 2, 1)):
         kept = parts[: len(parts) - drop]
         end = parts[-drop].start() if drop else len(name)
-        if len(kept) > words and (not drop or plain(name[end:]) in COLUMNS["attribute"]):
+        if len(kept) >= words and (not drop or plain(name[end:]) in COLUMNS["attribute"]):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
                 return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

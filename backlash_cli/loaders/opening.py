@@ -59,7 +59,7 @@ COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 DELIMITERS = (",", ";", "\t", "|", " ")
 # Lines of columns that blanks align, and lines that are one cell in quotes each: what is put in the place of what.
 _REWRITTEN = (
-    (re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d))*$"),
+    (re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*$"),
      ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
     (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
      ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))))
@@ -364,7 +364,9 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
-    words = [plain(name) for name in names if name]
+    whole = any(tag.loop and tag.role in SIGNALS for tag in map(split_tag, names))
+    words = [plain(name) for name in names if name and not (whole and (  # a quality, a time stand beside each tag
+        is_time_name(name) or is_quality_name(plain(name)) or plain(name) in COLUMNS["ignored"] | COLUMNS["value"]))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
             joined = _joined(names, other)

@@ -20,7 +20,7 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
-LONE = 3  # samples in a row that may be lone zeros
+LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
 FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
@@ -176,7 +176,8 @@ def frozen(values: FloatArray) -> NDArray[np.bool_]:
 def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     """Is the noise resolved: larger than the recorder's step, neighbouring changes opposed (correlated by -1/2)?"""
     changes = np.diff(values)
-    keep = np.isfinite(changes) & ~inside(starts, ends, len(changes))
+    # the steps into and out of a run are none of the noise
+    keep = np.isfinite(changes) & ~inside(np.maximum(starts - 1, 0), ends + 1, len(changes))
     both = keep[1:] & keep[:-1]
     a, b = changes[:-1][both], changes[1:][both]
     power = float(a @ a + b @ b) / 2.0
