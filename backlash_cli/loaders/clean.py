@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
+from ..samples import judged, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
-from .states import automatic, judged, state_notes
+from .states import automatic
 
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold

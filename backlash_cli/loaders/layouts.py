@@ -192,7 +192,8 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
         return [i for i in texts if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
 
     whole = mostly(lambda word: bool(split_tag(word).loop) and split_tag(word).role in SIGNALS)
-    roles = [i for i in mostly(lambda word: signal_role(word) != "") if not is_quality_name(head.plain[i])]
+    roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
+             if not is_quality_name(head.plain[i])]
     named = [i for i in texts if head.plain[i] in TAG]
     if roles:
         rest = [i for i in texts if i not in roles and heads[i] and head.plain[i] not in IGNORED
@@ -258,6 +259,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
     if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
+    elif loop and signal_role(head.stem):  # FIC101/PV.csv
+        home = f"{loop}.{head.stem}"
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
         place = bisect(begins, i) - 1 if pairs else 0

@@ -41,6 +41,11 @@ def plain(text: str) -> str:
     return re.sub(r"[\s.,_\-/:\\#*'\"|$~>]+", "", _UNIT.sub("", text)).lower()
 
 
+def bare_tag(text: str) -> str:
+    """Return a tag in lower case without a server before it and a unit in brackets behind it."""
+    return _UNIT.sub("", _SERVER.sub("", text.strip())).lower()
+
+
 def undated(stem: str) -> str:
     """Return the name of a file without the dates, perhaps with times, at its end: FIC101.PV_20260302_2155."""
     return _DATED.sub("", stem) or stem

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
+from ..samples import lone_zeros
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, explained, noted, plain, undated
-from .states import good_samples, lone_zeros
+from .names import SIGNALS, bare_tag, explained, noted, plain, undated
+from .states import good_samples
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
 PIECE = 1 << 20  # rows that are looked at together
@@ -274,11 +275,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
     counts = Counter(match for _, match in {(undated(name), match) for name, match in found.items()})
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
+    spelt: dict[str, str] = {}
     for item in series:
-        owners = explicit.get(item.tag.strip().lower(), ())
+        owners = explicit.get(bare_tag(item.tag), ())
         for loop, role in owners:
             own(loop).roles.setdefault(role, []).append(item)
-        name = renamed.get(item.loop, item.loop)
+        name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
         # unless the metadata name another tag for this signal
         if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
@@ -293,13 +295,13 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
-    """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
+    """Return the tags that the metadata name: bare tag -> (loop, role) of each, and loop -> role -> tag."""
     explicit: dict[str, list[tuple[str, str]]] = {}
     asked = {loop: {role: tag for role in ROLE_KEYS if isinstance(tag := values.values.get(role), str) and tag.strip()}
              for loop, values in metadata.loops.items()}
     for loop, tags in asked.items():
         for role, tag in tags.items():
-            explicit.setdefault(tag.strip().lower(), []).append((loop, role))
+            explicit.setdefault(bare_tag(tag), []).append((loop, role))
     return explicit, asked
 
 

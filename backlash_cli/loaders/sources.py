@@ -21,7 +21,7 @@ from urllib.request import url2pathname
 from ..errors import BacklashError, InputError, MetadataError, nearest, some
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
-from .names import COLUMNS, WORDS, explained, plain
+from .names import COLUMNS, WORDS, explained, plain, signal_role
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
@@ -201,7 +201,8 @@ def _below(folder: Path | Remote) -> list[Source]:
         named = any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
         here, beside = reduce(truediv, way_down, folder), frozenset(names)
         for name in sorted(filter(is_export, names)):
-            own = {**partition, "loop": home} if home and not named and _PART.match(name) else partition
+            own = {**partition, "loop": home} if home and not named and (
+                _PART.match(name) or signal_role(stem_of(Path(name)))) else partition
             found.append(Source(here / name, own, beside))
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})

@@ -1,6 +1,7 @@
 """Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
 import contextlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -17,11 +18,11 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..record import IntArray, Note
-from .cells import BLANK, Cells, Lexicon, codes_and_words, is_number, is_text, stored
+from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, noted, signal_role
-from .opening import Text, head_of, kind_of, members, sheets
+from .opening import Text, head_of, kind, kind_of, members, sheets
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Remote, Source, stem_of
@@ -146,8 +147,11 @@ class ParquetTable:
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
-        self.head = Head(self.where, stem, tuple(self._names), tuple(first), ("",) * len(fields), partition)
-        self.notes: list[Note] = []
+        words = [[word for word in codes_and_words(c)[1] if word.strip()] if is_text(c.type) else [] for c in first]
+        kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
+        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, partition, decimal_sign(
+            [word for own in words for word in own if kind(word) == "number"], "."))
+        self.decimal, self.notes = self.head.decimal, list[Note]()
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time."""
@@ -159,8 +163,8 @@ class ParquetTable:
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
         """Return the cells of rows first..last-1 of the column "v3"."""
         words: dict[str, int] = {}
-        values, codes = stored(self._column(int(column[1:]), first, last), words)
-        return Cells(values, codes, Lexicon(list(words)))
+        values, codes = stored(self._column(int(column[1:]), first, last), words, self.decimal)
+        return Cells(values, codes, Lexicon(list(words), self.decimal))
 
     def stamps(self, column: str, first: int, last: int, group: int = 0) -> IntArray:
         """Return the stamps of rows first..last-1 of the column "v0" [microseconds since 1970 UTC]."""
@@ -242,6 +246,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         if layout.naming:
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
+    # the header came again, with the columns in another order
+    if sum(bool(words[i].keys() & {*head.names} - {head.names[i], ""}) for i in columns) > 1:
+        raise InputError(**explained("stacked"), where=head.where)
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})

@@ -21,6 +21,7 @@ LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty time
 _DATED, _COMPACT, _OF_DAY = (form.replace("CLOCK", WORDS["stamps"]["clock"]).replace("LETTER", LETTER)
                              for form in WORDS["stamps"]["forms"])
 _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in WORDS["stamps"]["rewritten"]]
+_NO_DATE: str = WORDS["stamps"]["no_date"]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
 DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
@@ -35,7 +36,8 @@ _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
     NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
-    text, rest, of_day = pa.array(words, pa.string()), np.arange(len(words)), False
+    text = pc.replace_substring_regex(pa.array(words, pa.string()), _NO_DATE, "")
+    rest, of_day = np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
         for written, usual in rewritten:
@@ -53,6 +55,7 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
 
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
+    text = re.sub(_NO_DATE, "", text)
     if ":" in text and re.match(_OF_DAY, text):
         return "clock"
     found = re.match(_DATED, text)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.loaders.states import frozen, judged, runs, saturated, short_holes
+from backlash_cli.samples import frozen, judged, runs, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)

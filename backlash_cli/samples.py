@@ -1,0 +1,142 @@
+"""Which samples of a loop count: frozen, saturated, implausible, missing and filled ones, lone zeros."""
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .record import FloatArray, IntArray, Note, SampleState
+from .words import WORDS, noted
+
+BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
+AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
+LIMIT_RUN = 3  # samples at the limit that make saturation
+FROZEN_RUN = 10  # equal samples below which nothing is called frozen
+FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
+LEAST_CHANGES = 50  # changes that any working measurement shows in a record, however slow and coarse
+RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
+OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
+QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
+LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
+FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
+
+
+def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    return edges[0::2], edges[1::2]
+
+
+def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return (values, filled): holes (nan) of at most `longest` samples on a line, but not beside a jump of `index`."""
+    starts, ends = runs(~np.isfinite(values))
+    inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
+    starts, ends = starts[inner], ends[inner]
+    unbroken = index[ends] - index[starts - 1] == ends - starts + 1
+    filled = inside(starts[unbroken], ends[unbroken], len(values))
+    if not filled.any():
+        return values, filled
+    out, known = values.copy(), np.flatnonzero(np.isfinite(values))
+    out[filled] = np.interp(np.flatnonzero(filled), known, values[known])
+    return out, filled
+
+
+def saturated(output: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
+    starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
+    long = ends - starts >= LIMIT_RUN
+    return inside(starts[long], ends[long], len(output))
+
+
+def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
+    """(samples,) True in stretches that do not overlap; ends: one past the last."""
+    found = np.zeros(samples, bool)
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        found[start:end] = True
+    return found
+
+
+def frozen(values: FloatArray) -> NDArray[np.bool_]:
+    """(samples,) True where a measurement repeats one number for longer than its own noise allows.
+    A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
+    chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
+    valve does in its dead band: it must do so for QUIET_SHARE of the record."""
+    starts, ends = runs(values[1:] == values[:-1]) if len(values) >= 2 * LEAST_CHANGES else (np.zeros(0, int),) * 2
+    lengths = ends - starts
+    if lengths.max(initial=0) < FROZEN_RUN - 1:
+        return np.zeros(len(values), bool)
+    # of all new values, how many are repeated at once: a long run counts once, so it does not hide itself
+    samples, p = len(values), (len(lengths) + 1.0) / (len(values) - int(lengths.sum()) + 2.0)
+    p = min(max(p, 1e-4), 1.0 - LEAST_CHANGES / (samples - 1))
+    limit = max(float(FROZEN_RUN - 1), float(np.log(FROZEN_CHANCE / samples) / np.log(p)))
+    kept = lengths < limit
+    if not kept.all() and not _noisy(values, starts[~kept], ends[~kept]):
+        kept = lengths < max(limit, QUIET_SHARE * samples)
+    return inside(starts[~kept], ends[~kept] + 1, samples)
+
+
+def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
+    """Is the noise resolved: larger than the recorder's step, neighbouring changes opposed (correlated by -1/2)?"""
+    changes = np.diff(values)
+    # the steps into and out of a run are none of the noise
+    keep = np.isfinite(changes) & ~inside(np.maximum(starts - 1, 0), ends + 1, len(changes))
+    both = keep[1:] & keep[:-1]
+    a, b = changes[:-1][both], changes[1:][both]
+    power = float(a @ a + b @ b) / 2.0
+    if len(a) < FROZEN_RUN or not power > 0 or float(a @ b) / power >= OPPOSED:
+        return False
+    sizes = np.abs(a[a != 0])
+    return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
+
+
+def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
+    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others: FAR usual moves (99.9 %) and
+    a fifth of the distance that all others span; None where there are none."""
+    zero = values == 0.0
+    if not zero.any() or zero.all():
+        return None
+    rest = values[~zero & np.isfinite(values)]
+    if len(rest) < 20:
+        return None
+    low, high = float(rest.min()), float(rest.max())
+    nearest = low if low > 0.0 else -high if high < 0.0 else 0.0
+    if nearest <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
+        return None
+    starts, ends = runs(zero)
+    few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
+    return inside(starts[few], ends[few], len(values)) if few.any() else None
+
+
+_KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}
+
+
+def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
+    """Say how many of all "samples" are of these kinds, in order."""
+    found, samples = [], counts["samples"]
+    for kind in filter(counts.get, kinds):
+        if kind == "wild" and counts[kind] > 0.5 * samples:
+            found.append(noted("outside_range", percent=100 * counts[kind] / samples))
+        else:
+            found.append(noted(_KINDS[kind][1], {"samples": float(counts[kind])}, of=samples))
+    return found
+
+
+def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
+           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
+           ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
+    """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
+    sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
+    normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
+    wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
+    y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
+    missing = ~np.isfinite(y)
+    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
+             "interpolated": interpolated, "saturated": None if op is None else saturated(op),
+             "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
+    state = np.zeros(len(index), np.uint8)
+    for name, (value, _) in _KINDS.items():
+        if name == "manual" and manual is not None:
+            marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
+        if value is not None and (where := marks.get(name)) is not None:
+            state[where] = value
+    return y, state, {name: where for name, where in marks.items() if where is not None}
