@@ -76,7 +76,8 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     differ = _differ(values[repeats], values[repeats + 1], values)
     of_file = np.searchsorted(parts, rows, side="right")
     files_differ = bool(np.any(differ & (np.diff(of_file)[repeats] != 0)))
-    spread = _spread_evenly(stamps) if len(repeats) and differ.mean() > 0.5 and not files_differ else None
+    coarse = len(repeats) and differ.mean() > 0.5 and not files_differ and not len(back)
+    spread = _spread_evenly(stamps) if coarse else None
     if spread is not None:
         notes.append(noted("coarse_stamps"))
         stamps = spread
@@ -84,7 +85,7 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
         conflicts = int(differ.sum())
         more = f", {conflicts} of them with another value" if conflicts else ""
         notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
-        if conflicts > 0.5 * (len(stamps) - files_differ * len(repeats)):
+        if conflicts > 0.4 * (len(stamps) - files_differ * len(repeats)):
             raise LoopError(**explained("files_differ" if files_differ else "coarse_times", rows=conflicts))
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]

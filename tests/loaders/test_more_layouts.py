@@ -222,6 +222,19 @@ MORE = {
     "loops_of_dated_files": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}, notes=("matched_name",)),
     "described_twin": Export({"plant.csv": wide(name=lambda n: n + (f',"High limit: {n}"' if n.endswith("PV") else ""), value=lambda t, v: cell(t, v) + (",7" if t.endswith("PV") else ""))}, notes=("several_columns",)),
     "sentence_above_values": Export({f"{n}.csv": f"Export of {n}\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "thousands_points": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=lambda n, v: f"{v:,.4f}".translate(str.maketrans(",.", ".,")).removesuffix(",0000"))}, settings=SETTINGS, tolerance=1e-4),
+    "thousands_points_parquet": Export({"plant.parquet": pa.table({"time": STAMPS, **{n: [f"{1000 * x:,.3f}".translate(str.maketrans(",.", ".,")).removesuffix(",000") for x in v] for n, v in SIGNALS.items()}})}, settings=THOUSANDFOLD),
+    "words_of_two_parts": Export({f"{loop}.csv": "Time,Output,Process Value,Setpoint\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for loop in RANGES}),
+    "units_without_brackets": Export({"plant.csv": wide(name=lambda n: f"{n} {'%' if n.endswith('OP') else 'm3/h'}")}),
+    "units_behind_slash": Export({"plant.csv": wide(name=lambda n: f"{n} / {'%' if n.endswith('OP') else 'bar'}")}),
+    "units_below_qualities": Export({"plant.csv": wide(name=lambda n: f"{n},Quality", value=lambda n, v: f"{cell(n, v)},Good", between="," + ",".join("%," if n.endswith("OP") else "bar," for n in SIGNALS))}),
+    "two_blanks_in_stamps": Export({"plant.csv": wide(lambda t: f"{t:%d-%b-%y  %H:%M:%S}")}),
+    "day_of_access": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y} 00:00:00;30.12.1899 {t:%H:%M:%S}", delimiter=";", time_name="Datum;Uhrzeit", value=comma)}),
+    "day_of_access_us": Export({"plant.csv": wide(lambda t: f"{t:%m/%d/%Y},12/30/1899 {t:%I:%M:%S %p}", time_name="Date,Time")}),
+    "pq_time_of_day_as_text": Export({"plant.parquet": pa.table({"date": pa.array([t.date() for t in STAMPS]), "time": [f"{t:%H:%M:%S}" for t in STAMPS], **SIGNALS})}),
+    "loop_in_two_cases": Export({"plant.csv": wide(name=lambda n: n.lower() if n.endswith("PV") else n)}),
+    "folders_name_loops": Export({f"plant/{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("plant",)),
+    "tag_of_settings_with_unit": Export({"plant.csv": wide(name=lambda n: rf"\\PISRV\{n.split('.')[0].replace('IC', 'T')} (m3/h)" if n.endswith("PV") else n)}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT101"').replace("[loops.PIC303]", '[loops.PIC303]\npv = "PT303"')),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
@@ -273,6 +286,30 @@ def test_tables_one_below_the_other_are_refused(tmp_path):
     text = "".join(f"Tag: {n}\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items())
     (tmp_path / "plant.csv").write_text(text)
     with pytest.raises(BacklashError, match=r"plant.csv: tables stand one below the other -> export every tag"):
+        read(tmp_path / "plant.csv")
+
+
+@pytest.mark.parametrize("text", [
+    wide() + wide().replace("FIC101.PV,FIC101.OP", "FIC101.OP,FIC101.PV").replace("2026-03-1", "2026-04-1"),
+    wide() + wide(name=lambda n: {"F": "PIC303", "P": "FIC101"}[n[0]] + n[6:]).replace("2026-03-1", "2026-04-1")])
+def test_a_header_that_comes_again_in_another_order_is_refused(tmp_path, text):
+    """What stands below it would go into the wrong signals."""
+    (tmp_path / "plant.csv").write_text(text)
+    with pytest.raises(BacklashError, match="tables stand one below the other"):
+        read(tmp_path / "plant.csv")
+
+
+def test_another_recording_in_the_same_file_is_no_clock_that_was_set_back(tmp_path):
+    (tmp_path / "plant.csv").write_text("".join("Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for loop in RANGES))
+    with pytest.raises(BacklashError, match="most rows repeat a time stamp with another value"):
+        read(tmp_path / "plant.csv")
+
+
+def test_two_sources_of_one_tag_are_not_spread_over_the_time(tmp_path):
+    """Stamps are cut to seconds or minutes; two rows every two seconds are two recordings."""
+    rows = [f"{n},{iso(t)},{v[i] * factor:.3f}" for i, t in enumerate(STAMPS) if i % 2 == 0 for n, v in SIGNALS.items() for factor in (1.0, 1.03)]
+    (tmp_path / "plant.csv").write_text("tag,time,value\n" + "\n".join(rows) + "\n")
+    with pytest.raises(BacklashError, match="most rows repeat a time stamp with another value"):
         read(tmp_path / "plant.csv")
 
 

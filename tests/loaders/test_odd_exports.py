@@ -315,3 +315,43 @@ def test_a_quality_may_be_called_by_two_words(tmp_path, called):
         cells.append("0" if k in SPOILT else "192")
     record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
     assert set(np.flatnonzero(record.state)) == set(SPOILT) and "bad_quality" in codes(record.notes)
+
+
+@pytest.mark.parametrize("spoilt", ["16-Jul", "01. Jul", "500 High Limit", "1 State", "0.9 K"])
+def test_words_behind_a_few_numbers_are_no_units(tmp_path, spoilt):
+    """Spreadsheets turn 16.7 into a date, historians write states with a number before them."""
+    lines = [line.split(",") for line in wide().splitlines()]
+    for k in SPOILT:
+        lines[1 + k][2] = spoilt
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert set(np.flatnonzero(record.state)) == set(SPOILT)
+    assert any(note.code == "not_numbers" and f"{spoilt} ({len(SPOILT)})" in note.message for note in record.notes)
+
+
+@pytest.mark.parametrize("count", [1, 5, 9, 12, 40, 150])
+@pytest.mark.parametrize("value", ["0", "900"])
+def test_a_run_at_the_end_of_the_range_is_no_measurement(tmp_path, count, value):
+    """The steps into and out of it are none of the signal's noise. A few samples at the top may be real."""
+    lines = [line.split(",") for line in wide().splitlines()]
+    for k in range(200, 200 + count):
+        lines[1 + k][2] = value
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert bool(record.state[200:200 + count].all()) == (value == "0" or count > 10)
+
+
+def test_a_flag_of_automatic_is_a_mode(tmp_path):
+    lines = [line.split(",") for line in wide().splitlines()]
+    lines[0] += ["FIC101.AUTO"]
+    for k, cells in enumerate(lines[1:]):
+        cells.append("FALSE" if k in SPOILT else "TRUE")
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert set(np.flatnonzero(record.state == SampleState.MANUAL)) == set(SPOILT)
+
+
+def test_values_that_are_good_for_no_part_of_their_time_are_not_used(tmp_path):
+    def row(tag, stamp, value):
+        return f"{tag},{iso(stamp)},{value},{0 if tag == 'FIC101.PV' else 100}"
+
+    plant = read(save(tmp_path, long(row, "Tag,Time,Value,PercentGood")))
+    assert [r.loop for r in plant] == ["PIC303"]
+    assert "600 samples of FIC101.PV have bad quality" in plant.failures[0].message
