@@ -28,7 +28,7 @@ def test_a_share_is_shown_in_per_cent_and_the_values_are_kept():
 
 
 def test_every_sentence_is_said_somewhere():
-    known = codes()
+    known = codes() | {code for _, code in WORDS["samples"].values()}
     assert not [code for code in WORDS["notes"] if code not in known and not code.startswith(MADE)]
 
 

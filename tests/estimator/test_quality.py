@@ -53,6 +53,12 @@ def test_a_slower_scan_is_seen() -> None:
     assert storage.kind == "held" and storage.run == pytest.approx(10, rel=0.02)
 
 
+@pytest.mark.parametrize("every", [2, 3, 30])
+def test_a_slower_scan_is_seen_in_rounded_values(every) -> None:
+    storage = stored_as(INDEX, np.round(np.repeat(PV[::every], every), 3)[: len(INDEX)])
+    assert storage.kind == "held" and storage.deviation == 0.0 and storage.run == pytest.approx(every, rel=0.3)
+
+
 @pytest.mark.parametrize("step", [0.001, 0.0005, 0.005])
 def test_rounding_is_no_compression(step: float) -> None:
     storage = stored_as(INDEX, np.round(PV / step) * step)
