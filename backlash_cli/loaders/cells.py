@@ -24,7 +24,7 @@ _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
                    r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
-_CLOCK = re.compile(r"^\d+(?:[:/-]\d|-[^\W\d_]|\. +[^\W\d_])")  # a time or a date, such as 16-Jul, is no measurement
+_CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement
 
 
 class Lexicon(Frozen, eq=False):

@@ -261,6 +261,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
     elif loop and signal_role(head.stem):  # FIC101/PV.csv
         home = f"{loop}.{head.stem}"
+    stem = undated(head.stem)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
         place = bisect(begins, i) - 1 if pairs else 0
@@ -268,9 +269,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
-        elif only and (not name or head.plain[i] in VALUE or (
-                not tags[i].loop and split_tag(undated(head.stem)).role in SIGNALS)):
-            name = home or undated(head.stem)
+        elif only and (not name or head.plain[i] in VALUE or (not tags[i].loop and split_tag(stem).role in SIGNALS)):
+            name = stem if split_tag(stem).role in SIGNALS and not split_tag(home).role else home or stem
         one = of_tag(head, layout, name, i, place)
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)

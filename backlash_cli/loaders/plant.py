@@ -14,9 +14,9 @@ from ..selection import choose, fits
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
-from .names import bare_tag, explained, noted
+from .names import explained, noted
 from .options import ReadOptions, parse_since
-from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags
+from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 
@@ -201,7 +201,7 @@ def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool
         return any(fits(name, options.only_loops) and fits(name, options.loops_matching) for name in names if name)
 
     return lambda one: not (options.only_loops or options.loops_matching) or any(
-        map(wanted, [one.loop or one.tag, *(loop for loop, _ in owners.get(bare_tag(one.tag), ()))]))
+        map(wanted, [one.loop or one.tag, *(loop for loop, _ in owners_of(one.tag, owners))]))
 
 
 def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None

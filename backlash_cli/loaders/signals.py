@@ -277,7 +277,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}
     for item in series:
-        owners = explicit.get(bare_tag(item.tag), ())
+        owners = owners_of(item.tag, explicit)
         for loop, role in owners:
             own(loop).roles.setdefault(role, []).append(item)
         name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
@@ -295,14 +295,19 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
-    """Return the tags that the metadata name: bare tag -> (loop, role) of each, and loop -> role -> tag."""
+    """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
     explicit: dict[str, list[tuple[str, str]]] = {}
     asked = {loop: {role: tag for role in ROLE_KEYS if isinstance(tag := values.values.get(role), str) and tag.strip()}
              for loop, values in metadata.loops.items()}
     for loop, tags in asked.items():
         for role, tag in tags.items():
-            explicit.setdefault(bare_tag(tag), []).append((loop, role))
+            explicit.setdefault(tag.strip().lower(), []).append((loop, role))
     return explicit, asked
+
+
+def owners_of(tag: str, explicit: dict[str, list[tuple[str, str]]]) -> list[tuple[str, str]]:
+    """Return (loop, role) of those that the metadata give a tag, as it is written or without server and unit."""
+    return explicit.get(tag.strip().lower()) or explicit.get(bare_tag(tag)) or []
 
 
 class Joiner:

@@ -147,7 +147,8 @@ class ParquetTable:
         begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
         told = dict(zip(tell.names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
-        words = [[word for word in codes_and_words(c)[1] if word.strip()] if is_text(c.type) else [] for c in first]
+        words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
+                 for c in first]
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
         self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, partition, decimal_sign(
             [word for own in words for word in own if kind(word) == "number"], "."))

@@ -235,6 +235,8 @@ MORE = {
     "loop_in_two_cases": Export({"plant.csv": wide(name=lambda n: n.lower() if n.endswith("PV") else n)}),
     "folders_name_loops": Export({f"plant/{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("plant",)),
     "tag_of_settings_with_unit": Export({"plant.csv": wide(name=lambda n: rf"\\PISRV\{n.split('.')[0].replace('IC', 'T')} (m3/h)" if n.endswith("PV") else n)}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT101"').replace("[loops.PIC303]", '[loops.PIC303]\npv = "PT303"')),
+    "tag_of_settings_beside_another_unit": Export({"plant.csv": wide(name=lambda n: n.replace("FIC101.PV", "FT101 (avg),FT101 (max)"), value=lambda t, v: cell(t, v) + (",7" if t == "FIC101.PV" else ""))}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT101 (avg)"')),
+    "folder_of_loop_with_tag_files": Export({f"set/loop={n.split('.')[0]}/{n}.parquet": pa.table({"ts": STAMPS, "xyz": v}) for n, v in SIGNALS.items()}, inputs=("set",)),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
