@@ -109,6 +109,9 @@ class _Making:
         """Make the record of a loop, or of its chunk between two stamps from rows around it. Raises LoopError."""
         for role, tag in loop.missing_tags.items():
             raise LoopError(**explained("tag_not_found", role=role, tag=tag))
+        tags = Counter(tag for role in ("sp", "pv", "op") for tag in {item.tag for item in loop.roles.get(role, ())})
+        if tags.total() > len(tags):
+            raise LoopError(**explained("same_tag", tag=tags.most_common(1)[0][0]))
         if "pv" not in loop.roles:
             there = ", ".join(role.upper() for role in loop.roles)
             raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))

@@ -177,7 +177,8 @@ class Grid(Frozen, eq=False):
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
             return self._between(stamps)
-        advance = np.maximum(1, np.rint(np.diff(stamps, prepend=stamps[0] - self.step) / self.step).astype(np.int64))
+        place = np.rint((stamps - self.start) / self.step).astype(np.int64)  # steps that are rounded would add up
+        advance = np.maximum(1, np.diff(place, prepend=place[0] - 1))
         holes = (advance > 1) & (advance <= ABSENT_ROWS + 1)
         if holes.any():
             own = np.arange(len(stamps))
@@ -268,7 +269,7 @@ def _plan(stamps: IntArray) -> Grid:
     usual = int(values[np.argmax(counts)])
     multiple = steps / usual
     if np.mean(steps == usual) >= 0.5 and np.mean(np.abs(multiple - np.rint(multiple)) < 0.02) >= 0.9 and (
-            np.mean(multiple > 1.5) <= SPARSE_SHARE):
+            np.mean(multiple > 1.5) <= SPARSE_SHARE and np.all(np.diff(np.rint((stamps - start) / usual)) >= 1)):
         return Grid(start, usual, "regular")
     low, middle, high = np.quantile(steps, [0.1, 0.5, 0.99]).tolist()
     if np.mean((steps >= JITTER[0] * middle) & (steps <= JITTER[1] * middle)) >= 0.9:

@@ -35,6 +35,7 @@ from .names import (
     plain,
     signal_role,
     split_tag,
+    undated,
 )
 from .options import ReadOptions
 from .sources import Remote, is_export, stem_of
@@ -291,6 +292,8 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
+    if not before and kinds[1:] == ("number",) and split_tag(undated(stem)).role in SIGNALS:  # the file says it all
+        before = {0: ["time", "value"]}
     names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"

@@ -237,6 +237,8 @@ MORE = {
     "tag_of_settings_with_unit": Export({"plant.csv": wide(name=lambda n: rf"\\PISRV\{n.split('.')[0].replace('IC', 'T')} (m3/h)" if n.endswith("PV") else n)}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT101"').replace("[loops.PIC303]", '[loops.PIC303]\npv = "PT303"')),
     "tag_of_settings_beside_another_unit": Export({"plant.csv": wide(name=lambda n: n.replace("FIC101.PV", "FT101 (avg),FT101 (max)"), value=lambda t, v: cell(t, v) + (",7" if t == "FIC101.PV" else ""))}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT101 (avg)"')),
     "folder_of_loop_with_tag_files": Export({f"set/loop={n.split('.')[0]}/{n}.parquet": pa.table({"ts": STAMPS, "xyz": v}) for n, v in SIGNALS.items()}, inputs=("set",)),
+    "no_header_but_the_file": Export({f"{n}.csv": "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "quality_in_french": Export({"plant.csv": long(lambda n,t,v:f"{n};{t:%d/%m/%Y %H:%M:%S};{v.replace('.',',')};{'Mauvaise' if t == STAMPS[0] and n == 'PIC303.X' else 'Bonne'}","Repère;Horodate;Valeur;Qualité")}),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
@@ -313,6 +315,29 @@ def test_two_sources_of_one_tag_are_not_spread_over_the_time(tmp_path):
     (tmp_path / "plant.csv").write_text("tag,time,value\n" + "\n".join(rows) + "\n")
     with pytest.raises(BacklashError, match="most rows repeat a time stamp with another value"):
         read(tmp_path / "plant.csv")
+
+
+@pytest.mark.parametrize("moved", [
+    lambda k: 0.7 * (k % 20 == 10), lambda k: 0.9 * (k // 20), lambda k: -0.9 * (k // 20), lambda k: 0.6 * (k // 100)])
+def test_rows_between_others_and_clocks_that_slip_do_not_move_what_follows(tmp_path, moved):
+    """Steps that are rounded one by one would add up to minutes."""
+    begin, n = STAMPS[0], 3000
+    times = sorted({2.0 * k + moved(k) for k in range(n)} | {2.0 * k for k in range(n) if moved(10) == 0.7})
+    rows = (f"{begin + timedelta(seconds=t):%Y-%m-%dT%H:%M:%S.%f},50,{50 + t / 100:.4f},40" for t in times)
+    (tmp_path / "FIC101.csv").write_text("Time,SP,PV,OP\n" + "\n".join(rows) + "\n")
+    record = read(tmp_path / "FIC101.csv")["FIC101"]
+    found = record.start + record.interval * record.index - seconds(begin)
+    assert abs(found[-1] - times[-1]) <= 2.1
+    value = record.measurement * (record.settings.pv_range[1] - record.settings.pv_range[0]) + record.settings.pv_range[0]
+    assert abs((value - 50.0) * 100.0 - found)[record.usable].max() <= 1.6
+
+
+def test_one_tag_for_two_signals_is_refused(tmp_path):
+    (tmp_path / "plant.csv").write_text(wide())
+    (tmp_path / "loops.toml").write_text(SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\nsp = "FIC101.PV"\npv = "FIC101.PV"'))
+    plant = read(tmp_path / "plant.csv")
+    assert [r.loop for r in plant] == ["PIC303"]
+    assert "tag FIC101.PV stands for two of SP, PV and OP -> give each its own tag" in plant.failures[0].message
 
 
 def test_a_column_called_questionable_marks_what_is_not_good(tmp_path):
