@@ -42,7 +42,7 @@ class TextTable:
     def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
         self.text, self.where = text, text.where
         self.head = head_of(text, stem, partition)
-        self._bad: list[tuple[int | None, int, int]] = []
+        self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
             raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
@@ -78,16 +78,18 @@ class TextTable:
         yield _columns(tables)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
-            _, expected, found = self._bad[0]
-            self.notes.append(noted("ragged_rows", {"rows": float(len(self._bad)), "file": self.where}, line=line,
-                                    found=found, expected=expected))
+            _, expected, found, _ = self._bad[0]
+            rows = sum(bad[-1] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
+            self.notes.append(noted("ragged_rows:quote" if rows > len(self._bad) else "ragged_rows",
+                                    {"rows": float(rows), "file": self.where}, line=line, found=found, expected=expected))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
-            self._bad.append((row.number, row.expected_columns, row.actual_columns))
+            lines = 1 + row.text.count("\n")
+            self._bad.append((row.number, row.expected_columns, row.actual_columns, lines))
             return "skip"
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {

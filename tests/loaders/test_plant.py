@@ -363,6 +363,14 @@ def test_ragged_rows_are_counted_with_their_line(tmp_path):
     assert plant["FIC101"].usable.all()
 
 
+def test_rows_inside_an_open_quotation_mark_are_counted(tmp_path):
+    lines = wide().splitlines()
+    lines[100] = '"' + lines[100]
+    note = next(n for n in read(save(tmp_path, "\n".join(lines) + "\n")).warnings if n.code == "ragged_rows")
+    assert note.message.startswith(f"{len(lines) - 100} rows") and "line 101" in note.message
+    assert "not closed" in note.message
+
+
 def test_truncated_gzip_gives_what_is_whole(tmp_path):
     rng = np.random.default_rng(0)
     text = wide(value=lambda t, v: f"{v + rng.random():.9f}")
