@@ -14,6 +14,7 @@ from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
+from .estimator.rule import INCOMPLETE
 from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
@@ -146,22 +147,24 @@ class LoopScanner:
                            warnings=(*warnings, *on_settings))
         quality = data_quality(record, settings.Ti, self._survey)
         if refusal is None:
-            assert self._errors is not None
             if settings.Kp is None:
                 settings = settings.with_values("default", Kp=DEFAULT_KP)
                 warnings.append(noted("default_kp", Kp=DEFAULT_KP))
+            assert self._errors is not None and settings.Ti
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
-            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti or 0.0)
+            oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti)
             cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
                                               quality.known_noise)
+            cut_off = float(half_periods.dt_s[half_periods.why == INCOMPLETE].sum())
+            watched = (used * self.interval - cut_off) / settings.Ti
             report = replace(report, **tally(half_periods, self._errors.smooth.left_out, used * self.interval))
         else:
             warnings.append(noted("rule_left_out", {"why": refusal.code}, message=refusal.message))
-            cluster, said, oscillation = None, (), (0.0, 0.0)
+            cluster, said, oscillation, watched = None, (), (0.0, 0.0), 0.0
         output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
-        decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, confirmation,
-                                   (*quality.notes, *on_settings), rounding, said, manual))
+        decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, watched,
+                                   confirmation, (*quality.notes, *on_settings), rounding, said, manual))
         reasons, compensator = decision.reasons, None
         if decision.verdict is Verdict.CANNOT_TELL:
             reasons = (*contradictions, *reasons)

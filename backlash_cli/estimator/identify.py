@@ -89,7 +89,7 @@ def identify(record: Record) -> Identification | Note:
     """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop.
 
     A Note says why they cannot be read: no_output, output_constant, too_short, one_frequency, not_this_controller,
-    proportional_part_unseen.
+    proportional_part_unseen, integral_part_unseen.
     """
     if record.output is None or not np.isfinite(record.output).any():
         return noted("no_output:settings")
@@ -177,8 +177,8 @@ def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float]
         if slower is not None:
             rows, level = slower, level + 1
             Ti = Ti if isfinite(Ti) else FIRST_WINDOW / WINDOW * rows.interval
-        elif not isfinite(Ti):
-            return _refused(explained)
+        elif Ti > len(rows.index) * h:
+            return _refused(explained, unseen="integral_part_unseen")
         elif 0.8 < Ti / before < 1.25:
             break
     return rows, fits[0].form, longest
@@ -195,8 +195,8 @@ def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
     return Td > max(2.0 * pid.filter_time, 0.02 * pid.reset_time) and pid.better_than(pi) > CLEARLY
 
 
-def _refused(explained: float, *, by_chance: bool = False) -> Note:
-    code = "proportional_part_unseen" if explained > LEAST_EXPLAINED and not by_chance else "not_this_controller"
+def _refused(explained: float, *, by_chance: bool = False, unseen: str = "proportional_part_unseen") -> Note:
+    code = unseen if explained > LEAST_EXPLAINED and not by_chance else "not_this_controller"
     return noted(code, {"r2": explained}, explained=max(explained, 0.0))
 
 

@@ -12,6 +12,7 @@ from ..record import Frozen, Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from ..words import noted, said, times
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read
+from .haegglund import SUPERVISION
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -27,14 +28,16 @@ TOO_LITTLE = "short_record"  # what only more data can mend; all else cannot be 
 class Findings(Frozen):
     """All that the verdict is made of. confirmation: a Note says why PV could not be tested against OP, None that it
     was not asked for. detections: half periods that pass the publication's gates. oscillation: share of the record and
-    period [s]. quality: notes whose values["effect"] says what they mean for the verdict. output_step: rounding step of
-    OP [span], 0 when not rounded or rebuilt. reading: what is to be said of the half periods besides their centre.
-    manual: what tests of the valve in manual say, a Note why they say nothing, None where there were none."""
+    period [s]. watched: time in half periods that were seen whole [Ti]. quality: notes whose values["effect"] says what
+    they mean for the verdict. output_step: rounding step of OP [span], 0 when not rounded or rebuilt. reading: what is
+    to be said of the half periods besides their centre. manual: what tests of the valve in manual say, a Note why
+    they say nothing, None where there were none."""
 
     cluster: Cluster | None
     detections: int
     long_half_periods: int
     oscillation: tuple[float, float]
+    watched: float
     confirmation: Confirmation | Note | None = None
     quality: tuple[Note, ...] = ()
     output_step: float = 0.0
@@ -157,6 +160,9 @@ def _in_automatic(f: Findings) -> Decision:
         return Decision(verdict, (f.confirmation,), 0.0, f.cluster)
     # without a test of PV against OP: what the half periods alone allow, by the paper's idea
     if f.long_half_periods == 0:
+        if f.watched < SUPERVISION:
+            few = noted("few_half_periods", watched=f.watched, least=SUPERVISION)
+            return Decision(Verdict.INSUFFICIENT_DATA, (few,), 0.0, f.cluster)
         return Decision(Verdict.NO_BACKLASH, (noted("no_long_half_periods"),), 0.5, f.cluster)
     if f.tight is not None:
         agree = noted("estimates_agree", n=f.tight.n, detections=f.detections, d=f.tight.d)

@@ -80,8 +80,9 @@ class TextTable:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, expected, found, _ = self._bad[0]
             rows = sum(bad[-1] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
-            self.notes.append(noted("ragged_rows:quote" if rows > len(self._bad) else "ragged_rows",
-                                    {"rows": float(rows), "file": self.where}, line=line, found=found, expected=expected))
+            code = "ragged_rows:quote" if rows > len(self._bad) else "ragged_rows"
+            self.notes.append(noted(code, {"rows": float(rows), "file": self.where}, line=line, found=found,
+                                    expected=expected))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:

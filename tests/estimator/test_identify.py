@@ -134,6 +134,14 @@ def test_an_output_made_by_something_else_is_refused() -> None:
     assert isinstance(found, Note) and found.code == "not_this_controller"
 
 
+@pytest.mark.parametrize("decimals", [3, 9])
+def test_a_proportional_controller_says_that_no_integral_part_is_seen(decimals: int) -> None:
+    pv = 0.5 + 0.01 * np.cumsum(np.random.default_rng(8).normal(size=4000)) / 8.0
+    record = record_from_arrays(0.5, pv, np.round(0.4 - 0.3 * (pv - 0.5), decimals), interval=1.0)
+    found = identify(record)
+    assert isinstance(found, Note) and found.code == "integral_part_unseen"
+
+
 def test_coarse_samples_leave_only_the_quotient() -> None:
     loop = Loop(noise=0.003)
     record = run(loop, 14_000, load=load_steps(14_000, 0.1))

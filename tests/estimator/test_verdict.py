@@ -23,7 +23,7 @@ def codes(notes: tuple[Note, ...]) -> list[str]:
 
 
 def findings(**changes: object) -> Findings:
-    return replace(Findings(CLUSTER, 10, 40, CALM, FOUND), **changes)  # type: ignore[arg-type]
+    return replace(Findings(CLUSTER, 10, 40, CALM, 500.0, FOUND), **changes)  # type: ignore[arg-type]
 
 
 def test_both_methods_agree():
@@ -61,6 +61,13 @@ def test_a_rule_against_it_makes_it_suspected(change: dict[str, float], code: st
     decision = decide(findings(confirmation=replace(FOUND, details={**DETAILS, **change})))
     assert decision.verdict is Verdict.SUSPECTED
     assert code in codes(decision.reasons)
+
+
+def test_without_the_test_a_calm_error_says_something_only_when_it_was_watched_for_long():
+    calm = findings(confirmation=None, cluster=None, detections=0, long_half_periods=0)
+    assert decide(calm).verdict is Verdict.NO_BACKLASH
+    short = decide(replace(calm, watched=30.0))
+    assert short.verdict is Verdict.INSUFFICIENT_DATA and codes(short.reasons) == ["few_half_periods"]
 
 
 def test_rounded_output_hides_what_is_smaller():
