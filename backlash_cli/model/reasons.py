@@ -106,8 +106,11 @@ def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part,
     """
     if holdout < (1.0 - ABOUT) * plain.rmse_holdout:
         return ()
-    return (*too_little(problem, shape, model.Kp, "too_little_motion:kept"), *_place(problem, model),
-            *_gone(model, shape, holdout, error_of), *_process(problem, model, shape, recorders, plain))
+    without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}
+    gone = [noted("effect_not_here", {"effect": name, "rmse_holdout": less}, name=name.replace("_", " "), now=holdout)
+            for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
+    return (*too_little(problem, shape, model.Kp, "too_little_motion:kept"), *_place(problem, model), *gone,
+            *_process(problem, model, shape, recorders, plain))
 
 
 def _place(problem: Problem, model: Model) -> list[Note]:
@@ -120,13 +123,6 @@ def _place(problem: Problem, model: Model) -> list[Note]:
         return []
     return [noted("other_operating_point", {"share_inside": inside}, low=100 * low, high=high, first=100 * here[0],
                   last=here[1])]
-
-
-def _gone(model: Model, shape: Shape, holdout: float, error_of: Callable[[Model, Shape], float | None]) -> list[Note]:
-    """Effects without which the kept model does better here."""
-    without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}
-    return [noted("effect_not_here", {"effect": name, "rmse_holdout": less}, name=name.replace("_", " "), now=holdout)
-            for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
 
 
 def _process(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested) -> list[Note]:
