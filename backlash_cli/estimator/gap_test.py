@@ -124,7 +124,9 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     begins = -(-np.arange(STRETCHES) * len(y) // STRETCHES)
     sums = np.add.reduceat(column * (error - share[:, None] * column), begins, axis=1)
     gain = -0.5 * free * np.log(np.maximum(1.0 - share * found / loss, 1e-9))
-    deviation = np.where(answered, np.sqrt(np.sum(sums**2, axis=1)) / size, UNKNOWN)
+    # stretches agree with a share that was fitted to few of them: no less than what single rows leave
+    variance = np.maximum(np.sum(sums**2, axis=1), size * loss / np.maximum(free, 1))
+    deviation = np.where(answered, np.sqrt(variance) / size, UNKNOWN)
     tied = np.where(answered, 0.5 * free * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
     possible = full(share) & _possible(p, b, K, Ti, interval)
     return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from backlash_cli.estimator.gap_test import GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from backlash_cli.estimator.predictor import (
@@ -275,3 +276,17 @@ def test_a_gap_that_op_never_crosses_is_not_answered_whatever_pv_does():
         found = gaps_of(p, [r], np.array([3.0, 30.0]) * span)
     assert found.share.tolist() == found.gain.tolist() == [0.0, 0.0] and not found.possible.any()
     assert np.all(found.deviation > 1e3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_op_of_two_levels_tells_nothing_of_a_gap(seed: int):
+    """The stem behind the gap has two levels as well: a process with another gain, but for the very first step."""
+    rng = np.random.default_rng(seed)
+    op = np.repeat(np.where(np.arange(200) % 2, 30.0, -30.0), rng.integers(20, 90, 200))
+    stem = play(op, 3.0, op[0])
+    pv = lfilter([0.0, 0.03], [1.0, -0.97], stem) + np.cumsum(rng.normal(0.0, 0.1, len(op)))
+    recordings = [Recording(op, pv, np.ones(len(op), dtype=bool))]
+    p = prediction(recordings, span=60.0)
+    assert p is not None
+    found = gaps_of(p, recordings, np.array([1.0, 3.0, 8.0]))
+    assert np.all(np.abs(found.share) < 1.5 * found.deviation)
