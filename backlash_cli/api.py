@@ -34,11 +34,15 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     does the work. A loop that cannot be analysed is reported with verdict `error`.
     """
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
+    from .loaders.clean import Recipe
     from .loaders.plant import OpenPlant
 
     warnings, failures, inputs = (getattr(plant, name, ()) for name in ("warnings", "failures", "inputs"))
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
-    loops = (loops,) if isinstance(loops, Record) else tuple(loops)
+    loops = tuple(loops) if isinstance(loops, Iterable) and not isinstance(loops, Record) else (loops,)
+    if not all(isinstance(loop, (Record, Recipe)) for loop in loops):
+        raise UsageError(f"scan takes what read returns, or Records, and not {type(plant).__name__}",
+                         remedy="scan(read(table)) for a table in memory, scan_files(path) for files")
     reports, lost = [], []
     for report in analyse(loops, options, jobs=jobs, keep=keep, client=client):
         if isinstance(report, Note):

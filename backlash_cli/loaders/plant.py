@@ -1,9 +1,15 @@
 """Read exports: files to signals, signals to loops, loops to records; which loops, and from when on."""
 
+from __future__ import annotations
+
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pyarrow.lib import ArrowException
@@ -19,6 +25,9 @@ from .options import ReadOptions, parse_since
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Inputs = str | PathLike[str] | Sequence[str | PathLike[str]]
 FEW = 3  # loops of the loops file without data that are named one by one
@@ -49,12 +58,24 @@ class Plant(Frozen):
         return iter(self.records)
 
 
-def read(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None, options: ReadOptions | None = None
-         ) -> Plant:
+def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata | None = None,
+         options: ReadOptions | None = None) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings.
 
-    inputs: CSV, Parquet or Excel files, folders, Parquet datasets. loops: metadata file, or what is in it; None: found
-    next to the data. Raises BacklashError when nothing can be read; a single bad file or loop becomes a failure."""
+    inputs: CSV, Parquet or Excel files, folders, Parquet datasets; or a table in memory, its columns named as those of
+    a file, with the times in a column or the index. loops: metadata file, or what is in it; None: found next to the
+    data. Raises BacklashError when nothing can be read; a single bad file or loop becomes a failure."""
+    if not isinstance(inputs, (str, PathLike, Sequence)):
+        with TemporaryDirectory() as folder:
+            file = Path(folder, "DataFrame.parquet")
+            try:
+                inputs.apply(lambda column: column.astype(str) if column.dtype == object else column).to_parquet(file)
+                return replace(read(file, loops=loops, options=options), inputs=("DataFrame",))
+            except BacklashError as error:
+                error.where = error.where.replace(str(file), "DataFrame")
+                raise
+            except (ArrowException, AttributeError, ValueError, TypeError) as error:
+                raise InputError(**explained("table", problem=str(error).split("\n")[0][:300])) from None
     opened = open_plant(inputs, loops=loops, options=options)
     joiner = Joiner((options or ReadOptions()).good_quality)
     records: list[Record] = []
