@@ -22,7 +22,9 @@ from ..words import noted
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
+from .quality import rounding_error
 from .rebuild import rebuilt_output
+from .survey import measured
 from .wave import autocorrelation
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 
@@ -58,7 +60,7 @@ class Asked(Frozen):
 
 class Study(Frozen):
     """What was asked of one record. asked: by block length. length: of the record in integral times; span: of OP [%];
-    rebuilt: OP was not recorded."""
+    rebuilt: OP was not recorded; rounding: error that it leaves in means of PV [%]."""
 
     asked: tuple[Asked, ...]
     recordings: tuple[Recording, ...]
@@ -68,6 +70,7 @@ class Study(Frozen):
     length: float
     span: float
     rebuilt: bool
+    rounding: float
 
     @property
     def tests(self) -> list[tuple[GapTest, float]]:
@@ -80,8 +83,7 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
 
     Ti sets the lengths of the blocks; where it is not known the memory of the control error stands in. K gives the
     sign and the possible size of PV's answer, where it is known. Where OP was not recorded it is rebuilt from SP, PV,
-    K and Ti.
-    """
+    K and Ti."""
     found = study(record, settings or record.settings)
     return found if isinstance(found, Note) else _confirmation(found)
 
@@ -109,11 +111,12 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         return noted("output_still", {"output_range": span / 100.0})
     if not any(np.ptp(r.measurement[r.usable]) > 0 for r in recordings):
         return noted("measurement_constant")
-    asked = _asked(recordings, span, settings.K, Ti, record.interval) if seconds >= SHORTEST * Ti else ()
+    rounding = 100.0 * rounding_error(*measured(record)[:2])
+    asked = _asked(recordings, span, settings.K, Ti, record.interval, rounding) if seconds >= SHORTEST * Ti else ()
     if not asked:
         code = "short_record" if seconds < SHORTEST * Ti else "short_record:stretches"
         return noted(code, {"usable_s": seconds}, used=duration(seconds), least=duration(SHORTEST * Ti))
-    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, record.output is None)
+    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, record.output is None, rounding)
 
 
 def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -> tuple[Recording, ...]:
@@ -130,11 +133,11 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
     return tuple(found)
 
 
-def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: float, interval: float
+def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: float, interval: float, rounding: float
            ) -> tuple[Asked, ...]:
     widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
     sizes = _block_lengths(recordings, Ti / interval)
-    predictions = _predictions(recordings, sizes, span, MOST_ROWS)
+    predictions = _predictions(recordings, sizes, span, MOST_ROWS, rounding)
     tests = _tests(predictions, recordings, widths, sizes[0], K, Ti, interval)
     gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
                                           for r in recordings], free_gains)
@@ -169,14 +172,14 @@ def _at_each_length(predictions: Sequence[Predictor | None], signals: list[Float
     return found
 
 
-def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: float, most: int
-                 ) -> list[Predictor | None]:
+def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: float, most: int,
+                 rounding: float) -> list[Predictor | None]:
     deviation = float(np.sqrt(np.mean(np.concatenate([r.measurement - r.measurement.mean() for r in recordings]) ** 2)))
     if deviation == 0.0:
         return [None] * len(sizes)
     blocks, found = [in_blocks(r, sizes[0], span, deviation) for r in recordings], []
     for _ in sizes:
-        found.append(predictor(blocks, deviation, most))
+        found.append(predictor(blocks, deviation, most, rounding))
         blocks = [b.coarser for b in blocks]
     return found
 
@@ -226,8 +229,8 @@ def _explained(tests: Sequence[GapTest]) -> FloatArray:
 
 def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, s: Study) -> list[GapTest]:
     """The same block lengths asked with more rows: the size is worth more of them than whether there is a dead band."""
-    closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE)[0] or p
-              for p in predictions}
+    closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE, s.rounding)[0]
+              or p for p in predictions}
     sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
     tests = _tests([closer.get(size) for size in sizes], s.recordings, widths, sizes[0], s.settings.K, s.Ti, s.interval,
                    widest)

@@ -75,7 +75,9 @@ def diagnose(record: Record) -> Diagnosis:
     size = max(int(found / FINEST), 1)
     period = found / size
     setpoint, measurement, output = signals[:, : len(error) // size * size].reshape(3, -1, size).mean(2)
-    swing = _swing(setpoint, measurement, period)
+    turn = np.exp(-2j * np.pi * np.arange(len(setpoint)) / period)
+    moved, swung = (float(abs(np.sum(wave.detrended(x, period) * turn))) for x in (setpoint, measurement))
+    swing = moved / swung if swung > 0.0 and np.ptp(setpoint) > 0.0 else 0.0  # of the setpoint at the period, over PV's
     if swing > FOLLOWS:
         return Diagnosis("setpoint", found * record.interval, {"setpoint": swing}, said("setpoint"))
     cycle = wave.mean_cycle(measurement, output, period, record.settings.K or 0.0)
@@ -106,13 +108,6 @@ def _kind(cycle: wave.MeanCycle, height: float, lasting: float) -> str:
             return "tight_nonlinear"
         return "external" if lasting > CLOCKWORK and height > CLOCKWORK else "unclear"
     return "unclear"
-
-
-def _swing(setpoint: FloatArray, measurement: FloatArray, period: float) -> float:
-    """Swing of the setpoint at the period, over that of PV."""
-    turn = np.exp(-2j * np.pi * np.arange(len(setpoint)) / period)
-    swing, of_measurement = (float(abs(np.sum(wave.detrended(x, period) * turn))) for x in (setpoint, measurement))
-    return swing / of_measurement if of_measurement > 0.0 and np.ptp(setpoint) > 0.0 else 0.0
 
 
 def _longest_stretch(record: Record) -> FloatArray:

@@ -161,12 +161,12 @@ def paired(means: FloatArray) -> FloatArray:
     return 0.5 * (means[..., :-1:2] + means[..., 1::2])
 
 
-def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Predictor | None:
+def predictor(recordings: Sequence[Blocks], deviation: float, most: int, rounding: float = 0.0) -> Predictor | None:
     """Fit the prediction of block means; None where too few blocks can be used.
 
-    deviation: of PV, in its units, not zero. most: rows; of more, every second, third .. is taken, each with all that
-    lies before it. Several recordings of one loop share one prediction, each with a level of its own.
-    """
+    deviation: of PV, in its units, not zero; rounding: the error that it leaves in means. most: rows; of more, every
+    second, third .. is taken, each with all that lies before it. Several recordings share one prediction, each with a
+    level of its own."""
     lags = lags_for(sum(len(b.usable) for b in recordings))
     whole = [_usable_rows(b, lags) for b in recordings]
     used = [i for i, rows in enumerate(whole) if len(rows) > (LEAST_ROWS if len(recordings) > 1 else 0)]
@@ -201,7 +201,7 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int) -> Pred
     b, w, H, gram = _fitted(H, y)
     y = y * np.sqrt(w)
     error = y - b @ H
-    floor = float(np.sum(w)) * (MODEL_ERROR * deviation) ** 2
+    floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2)
     output, latest, recent = levels + lags.count, levels + 2 * lags.count, len(_last_lengths(recordings[0].size))
     return Predictor(recordings[0].size, lags, H, y, w, error, gram, float(error @ error) + floor,
                      slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, tuple(taken),

@@ -190,6 +190,13 @@ def fast_noise(index: IntArray, values: FloatArray) -> float:
     return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
 
 
+def rounding_error(index: IntArray, values: FloatArray) -> float:
+    """The error that rounding leaves in means of values (rows,), at most: the first harmonic of its sawtooth, which
+    noise washes out by exp(-2 (pi sigma / step)^2) (Widrow and Kollar, Quantization Noise, 2008). index: grid."""
+    step, noise = rounding_step(values), fast_noise(index, values)
+    return step / np.pi * float(np.exp(-2.0 * (np.pi * noise / step) ** 2)) if step else 0.0
+
+
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
     """Tell measurements (rows,) from values that a historian held or interpolated between stored ones; index: (rows,)
     their grid numbers, as only neighbours on the grid are compared."""

@@ -78,13 +78,6 @@ def cycles(values: FloatArray, marks: FloatArray, period: float) -> FloatArray:
     return np.asarray(np.interp(time, np.arange(len(values)), values))
 
 
-def upward_crossings(flat: FloatArray, period: float) -> FloatArray:
-    """Places [samples] where a detrended signal, smoothed over a sixteenth of the period, comes from below zero."""
-    smooth = moving_mean(flat, period / 16.0)
-    at = np.flatnonzero((smooth[1:] >= 0.0) & (smooth[:-1] < 0.0))
-    return np.asarray(at + smooth[at] / (smooth[at] - smooth[at + 1]))
-
-
 class MeanCycle(Frozen):
     """What the mean cycle of PV is made of, and what explains it.
 
@@ -124,7 +117,9 @@ def mean_cycle(measurement: FloatArray, output: FloatArray, period: float, actio
     from ..kernels import play
 
     pv, op = detrended(measurement, period), detrended(output, period)
-    marks = upward_crossings(pv, period)
+    smooth = moving_mean(pv, period / 16.0)
+    at = np.flatnonzero((smooth[1:] >= 0.0) & (smooth[:-1] < 0.0))
+    marks = at + smooth[at] / (smooth[at] - smooth[at + 1])  # where it comes from below zero
     pv_cycles, op_cycles = (cycles(x, marks, period) for x in (pv, op))
     if len(pv_cycles) < LEAST_CYCLES:
         return None

@@ -157,6 +157,19 @@ def test_output_recorded_to_a_tenth_of_a_percent(worn: Record, healthy: Record):
     stays(rounded(worn), rounded(healthy))
 
 
+@pytest.mark.parametrize("step", [0.005, 0.01])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pv_rounded_to_few_levels_under_a_load_that_swings_is_no_dead_band(seed: int, step: float):
+    """Rounding errs the same way in every swing: no number of them makes it evidence."""
+    samples = np.arange(14400)
+    load = 0.09 * np.sin(2.0 * np.pi * samples / 1100.0 + seed)
+    load += 6e-5 * np.cumsum(np.random.default_rng(seed).normal(size=len(samples)))
+    record = run(Loop(K=1.1, Ti=60.0, gain=1.5, lag=60.0, delay=20.0, noise=0.0003), len(samples), load=load, seed=seed)
+    rounded = replace(record, measurement=np.round(record.measurement / step) * step)
+    assert len(np.unique(rounded.measurement)) < 30
+    assert scan(rounded).verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.NO_BACKLASH)
+
+
 def test_pv_stored_by_exception(worn: Record, healthy: Record):
     def compressed(r: Record) -> Record:
         held = r.measurement.copy()

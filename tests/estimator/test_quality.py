@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_step, stored_as
+from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_error, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
@@ -169,3 +169,18 @@ def test_the_cut_into_blocks_does_not_matter(cuts: list[int]) -> None:
     for first, last in pairwise([0, *sorted(cuts), len(LONG)]):
         survey.update(LONG.slice(first, last))
     assert data_quality(survey.kept, 20.0, survey) == whole
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.2, 0.3, 0.5])
+def test_what_rounding_leaves_in_means_is_that_of_many_draws(noise: float) -> None:
+    """The mean of many rounded values around each of many levels, against the level itself."""
+    rng = np.random.default_rng(3)
+    levels = np.linspace(0.0, 10.0, 401)
+    left = np.rint(levels[:, None] + noise * rng.normal(size=(401, 4000))).mean(axis=1) - levels
+    slow = np.rint(np.repeat(levels, 50) + noise * rng.normal(size=401 * 50))
+    found = rounding_error(np.arange(len(slow)), slow)
+    first = 2.0 * abs(np.mean(left * np.exp(-2j * np.pi * levels)))  # harmonic of the error over a step
+    if noise in (0.0, 0.5):
+        assert found == pytest.approx(first, abs=0.01)
+    else:  # a MAD of values that are rounded so coarsely sees less noise than there is
+        assert first - 0.02 <= found <= 1.0 / np.pi
