@@ -22,7 +22,7 @@ from ..words import noted
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
-from .quality import rounding_error
+from .quality import stored_as
 from .rebuild import rebuilt_output
 from .survey import measured
 from .wave import autocorrelation
@@ -60,7 +60,7 @@ class Asked(Frozen):
 
 class Study(Frozen):
     """What was asked of one record. asked: by block length. length: of the record in integral times; span: of OP [%];
-    rebuilt: OP was not recorded; rounding: error that it leaves in means of PV [%]."""
+    rebuilt: OP was not recorded; rounding: what recording leaves in means of PV [%]."""
 
     asked: tuple[Asked, ...]
     recordings: tuple[Recording, ...]
@@ -111,7 +111,7 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         return noted("output_still", {"output_range": span / 100.0})
     if not any(np.ptp(r.measurement[r.usable]) > 0 for r in recordings):
         return noted("measurement_constant")
-    rounding = 100.0 * rounding_error(*measured(record)[:2])
+    rounding = 100.0 * stored_as(*measured(record)[:2]).error
     asked = _asked(recordings, span, settings.K, Ti, record.interval, rounding) if seconds >= SHORTEST * Ti else ()
     if not asked:
         code = "short_record" if seconds < SHORTEST * Ti else "short_record:stretches"

@@ -164,7 +164,7 @@ def paired(means: FloatArray) -> FloatArray:
 def predictor(recordings: Sequence[Blocks], deviation: float, most: int, rounding: float = 0.0) -> Predictor | None:
     """Fit the prediction of block means; None where too few blocks can be used.
 
-    deviation: of PV, in its units, not zero; rounding: the error that it leaves in means. most: rows; of more, every
+    deviation: of PV, in its units, not zero; rounding: what recording leaves in means. most: rows; of more, every
     second, third .. is taken, each with all that lies before it. Several recordings share one prediction, each with a
     level of its own."""
     lags = lags_for(sum(len(b.usable) for b in recordings))

@@ -46,6 +46,13 @@ class Storage(Frozen):
     step: float = 0.0
     noise: float = 0.0
 
+    @property
+    def error(self) -> float:
+        """What recording leaves in means, at most: the first harmonic of rounding's sawtooth, of which noise leaves
+        exp(-2 (pi noise / step)^2) (Widrow, Kollar 2008). Exceptions err as steps twice their size."""
+        step = max(self.step, 2.0 * self.deviation * (self.kind == "held"))
+        return step / np.pi * float(np.exp(-2.0 * (np.pi * self.noise / step) ** 2)) if step else 0.0
+
 
 class Quality(Frozen):
     """Numbers about one record; signals normalised like the record, times in seconds, shares (0..1) of all grid points
@@ -188,13 +195,6 @@ def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
     bent = np.abs(np.diff(values, 2))[index[2:] - index[:-2] == 2]
     return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
-
-
-def rounding_error(index: IntArray, values: FloatArray) -> float:
-    """The error that rounding leaves in means of values (rows,), at most: the first harmonic of its sawtooth, which
-    noise washes out by exp(-2 (pi sigma / step)^2) (Widrow and Kollar, Quantization Noise, 2008). index: grid."""
-    step, noise = rounding_step(values), fast_noise(index, values)
-    return step / np.pi * float(np.exp(-2.0 * (np.pi * noise / step) ** 2)) if step else 0.0
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:

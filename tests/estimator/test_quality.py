@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_error, rounding_step, stored_as
+from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
@@ -178,9 +178,17 @@ def test_what_rounding_leaves_in_means_is_that_of_many_draws(noise: float) -> No
     levels = np.linspace(0.0, 10.0, 401)
     left = np.rint(levels[:, None] + noise * rng.normal(size=(401, 4000))).mean(axis=1) - levels
     slow = np.rint(np.repeat(levels, 50) + noise * rng.normal(size=401 * 50))
-    found = rounding_error(np.arange(len(slow)), slow)
+    found = stored_as(np.arange(len(slow)), slow).error
     first = 2.0 * abs(np.mean(left * np.exp(-2j * np.pi * levels)))  # harmonic of the error over a step
     if noise in (0.0, 0.5):
         assert found == pytest.approx(first, abs=0.01)
     else:  # a MAD of values that are rounded so coarsely sees less noise than there is
         assert first - 0.02 <= found <= 1.0 / np.pi
+
+
+def test_what_an_exception_deviation_leaves_in_means_is_that_of_a_signal_that_swings() -> None:
+    swing = 0.5 + 0.1 * np.sin(np.arange(20000) / 300.0)
+    stored = exception_reporting(swing, 0.01)
+    left = (stored - swing).reshape(-1, 50).mean(axis=1)
+    found = stored_as(np.arange(len(stored)), stored).error
+    assert float(np.std(left)) < found < 2.5 * float(np.std(left))
