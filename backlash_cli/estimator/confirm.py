@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Frozen, LoopSettings, Note, Record, duration
 from ..results import Confirmation
 from ..words import noted
+from .criteria import FEWEST_CROSSINGS
 from .exclusion import excluded
 from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
@@ -76,6 +77,12 @@ class Study(Frozen):
     def tests(self) -> list[tuple[GapTest, float]]:
         """The gaps tested at each block length, with what the best imitation gains."""
         return [(a.test, a.imitation) for a in self.asked]
+
+    def crossed(self, d: float) -> int:
+        """How often OP, in automatic, went through a gap of d [%] and back."""
+        from ..kernels import gap_crossings
+
+        return sum(gap_crossings(r.output[r.usable], d) for r in self.recordings)
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:
@@ -185,8 +192,6 @@ def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: fl
 
 
 def _confirmation(s: Study) -> Confirmation:
-    from ..kernels import gap_crossings
-
     evidence = _evidence(s.asked)
     best = sorted(s.asked, key=lambda a: float(a.net.max()), reverse=True)[:SIZED]
     grid, tests = best[0].test.widths, [a.test for a in best]
@@ -200,7 +205,9 @@ def _confirmation(s: Study) -> Confirmation:
     imitation = float(np.mean([a.imitation for a in best]))
     imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
     low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection, DOUBT * imitation)
-    crossings = sum(gap_crossings(r.output[r.usable], d) for r in s.recordings)  # in automatic
+    crossings, limit = s.crossed(d), excluded(s.tests, s.length, s.span)
+    if limit and s.crossed(limit) < FEWEST_CROSSINGS:  # absence is proved by one event no more than presence
+        limit = None
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
@@ -211,14 +218,12 @@ def _confirmation(s: Study) -> Confirmation:
     d, high = d + unseen, high + 2.0 * unseen
     details: dict[str, float | str] = {
         "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
-        "share_deviation": float(of.deviation[at]),
-        "edge": float(at in (0, len(grid) - 1)), "rows": float(best[0].prediction.rows),
-        "block_s": best[0].prediction.size * s.interval, "output_range": s.span / 100.0,
-        "crossings": float(crossings), "unseen_motion": unseen / 100.0,
+        "share_deviation": float(of.deviation[at]), "edge": float(at in (0, len(grid) - 1)),
+        "rows": float(best[0].prediction.rows), "block_s": best[0].prediction.size * s.interval,
+        "output_range": s.span / 100.0, "crossings": float(crossings), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }
-    limit = excluded(s.tests, s.length, s.span)
     return confirmation(d, (low, high), float(of.error_reduction[at]), limit, details, grid, answer)
 
 

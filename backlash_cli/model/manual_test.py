@@ -157,7 +157,10 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     if not any(np.ptp(y[used]) > 0.0 for y, used in zip(data.measurement, data.used, strict=True)):
         return noted("manual_constant")
     longest = max(map(np.count_nonzero, data.used)) * data.interval
-    answers = _answers(LONGEST * longest, data.interval)
+    lags = np.geomspace(0.5 * data.interval, max(LONGEST * longest, data.interval), LAGS)
+    answers = [Answer(float(lag), float(b * lag), float(c * lag)) for lag in lags for b in SECOND for c in DEAD_TIMES
+               if (not b or lag > data.interval) and (not c or c * lag > 0.3 * data.interval)]
+    answers += [Answer(float(lag), 0.0, float(c * lag), True) for lag in lags[::2] for c in DEAD_TIMES]
     slow = FOREVER * longest
     noises = [Noise(w * float(np.sqrt(0.5 * slow / data.interval)), slow, s * data.interval)
               for w in WANDERS for s in SMOOTH]
@@ -193,13 +196,6 @@ def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
     used = tuple(block_means(r.usable.astype(float), size) >= COMPLETE for r in recordings)
     level = [block_means(r.measurement - r.measurement[r.usable].mean(), size) for r in recordings]
     return _Blocks(tuple(r.output - mean for r in recordings), tuple(level), used, size, size * interval, span)
-
-
-def _answers(longest: float, interval: float) -> list[Answer]:
-    lags = np.geomspace(0.5 * interval, max(longest, interval), LAGS)
-    plain = [Answer(float(lag), float(b * lag), float(c * lag)) for lag in lags for b in SECOND for c in DEAD_TIMES
-             if (not b or lag > interval) and (not c or c * lag > 0.3 * interval)]
-    return [*plain, *(Answer(float(lag), 0.0, float(c * lag), True) for lag in lags[::2] for c in DEAD_TIMES)]
 
 
 def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None

@@ -119,10 +119,8 @@ def _place(problem: Problem, model: Model) -> list[Note]:
         return []
     u, (low, high) = problem.output[problem.used], model.output
     inside = float(np.mean(np.abs(u - 0.5 * (low + high)) <= 0.6 * (high - low)))
-    if inside >= SAME_PLACE:
-        return []
-    return [noted("other_operating_point", {"share_inside": inside}, low=100 * low, high=high, first=100 * here[0],
-                  last=here[1])]
+    return [] if inside >= SAME_PLACE else [noted("other_operating_point", {"share_inside": inside}, low=100 * low,
+                                                  high=high, first=100 * here[0], last=here[1])]
 
 
 def _process(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested) -> list[Note]:

@@ -170,6 +170,14 @@ def test_a_pv_rounded_to_few_levels_under_a_load_that_swings_is_no_dead_band(see
     assert scan(rounded).verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.NO_BACKLASH)
 
 
+def test_absence_is_proved_by_one_event_no_more_than_presence(healthy: Record, monkeypatch: pytest.MonkeyPatch):
+    ramp = replace(healthy, output=np.linspace(0.4, 0.5, len(healthy)) + 0.02 * healthy.output)  # never back
+    for record, limit in ((healthy, 0.015), (ramp, None)):
+        with monkeypatch.context() as patched:
+            patched.setattr("backlash_cli.estimator.confirm.excluded", lambda *_: 1.5)
+            assert confirm(record).limit_of_detection == limit
+
+
 def test_pv_stored_by_exception(worn: Record, healthy: Record):
     def compressed(r: Record) -> Record:
         held = r.measurement.copy()

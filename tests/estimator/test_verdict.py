@@ -178,6 +178,8 @@ VAGUE = replace(CLEARED, limit_of_detection=None)
     (FOUND, VAGUE, Verdict.BACKLASH, 0.03, "play_fits"),
     (NOTHING, TESTED, Verdict.BACKLASH, 0.02, "manual_test"),
     (NOTHING, CLEARED, Verdict.NO_BACKLASH, 0.0, "manual_test"),
+    (NOTHING, ONE_TURN, Verdict.SUSPECTED, 0.02, "manual_test"),  # of a size that normal operation would have excluded
+    (replace(NOTHING, limit_of_detection=0.02), ONE_TURN, Verdict.NO_BACKLASH, 0.0, "play_does_not_fit"),
     (WEAK, ONE_TURN, Verdict.BACKLASH, 0.02, "manual_test"),  # the same size twice
     (WEAK, replace(ONE_TURN, d=0.04, ci95=(0.035, 0.045)), Verdict.SUSPECTED, 0.021, "play_fits"),
 ])
@@ -186,7 +188,7 @@ def test_a_test_in_manual_and_normal_operation_together(automatic, manual, verdi
     assert (decision.verdict, decision.cluster and decision.cluster.d) == (verdict, d)
     found = codes(decision.reasons)
     assert found[0] == first and any(code.startswith("manual_") for code in found)
-    clash = (automatic, manual) in ((FOUND, CLEARED), (NOTHING, TESTED))
+    clash = (automatic, manual) in ((FOUND, CLEARED), (NOTHING, TESTED), (NOTHING, ONE_TURN))
     assert ("tests_differ" in found) == clash
     if clash:
         assert decision.confidence <= 0.6
