@@ -7,6 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import wraps
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -95,6 +96,8 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
 
 def place(text: str) -> Path | Remote:
     """Read a path, or an address such as s3://bucket/plant.parquet."""
+    if not text:
+        raise UsageError("an input has an empty name", remedy="name an export: a file or folder, . for this one")
     if "://" not in text and "::" not in text:
         return Path(text)
     from ..loaders.sources import place
@@ -108,16 +111,27 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
+WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history")  # options that name a result
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int}
 
 
 def command(function: Callable[..., int | None]) -> click.Command:
-    """Make a command of a function: options and words stand under its name in `commands.toml`."""
+    """Make a command of a function: options and words stand under its name in `commands.toml`. It refuses to write over
+    what it reads."""
+    @wraps(function)
+    def run(**given: Any) -> int | None:
+        read = [path for path in (*given.get("inputs", ()), given.get("loops")) if isinstance(path, Path)]
+        for path in map(given.get, WRITTEN):
+            if isinstance(path, Path) and path.is_file() and any(path.samefile(one) for one in read if one.exists()):
+                raise UsageError("this is the export itself, or its settings", where=str(path),
+                                 remedy="choose another name")
+        return function(**given)
+
     words = PAGE[function.__name__]
     own = words.get("options", {})
     also = [name for entry in words.get("also", ()) for name in PAGE["groups"].get(entry, [entry]) if name not in own]
     epilog = "\n  ".join([words.get("epilog", "") + "\b\nExamples:", *words["examples"]])
-    return click.Command(function.__name__, callback=function, help=words["help"], short_help=words["summary"],
+    return click.Command(function.__name__, callback=run, help=words["help"], short_help=words["summary"],
                          epilog=epilog, params=[_parameter(name, own.get(name, {})) for name in [*own, *also]])
 
 
@@ -133,4 +147,5 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
     if "help" not in words:
         return click.Argument([name], type=kind, **words)
     switch = kind is None and "metavar" not in words
-    return click.Option([*flags, name], type=kind, is_flag=switch, **words)
+    # is_flag = False would take a negative number for an option
+    return click.Option([*flags, name], type=kind, is_flag=switch or None, **words)

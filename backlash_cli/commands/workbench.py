@@ -29,9 +29,10 @@ OF_ALL = ("output", "jobs", "engine", "scheduler", "loops_matching", "sample")
 def compare(loop: str | None, model_file: Path | None, other_loop: bool, **given: Any) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails."""
     from ..model import compare as compare_with
+    from ..reporter.explain_report import check_picture
 
+    check_picture(given["picture"])
     export = Export.of(given)
-    check_places(export, given)
     return show(compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop)), given)
 
 
@@ -42,6 +43,7 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
     from ..api import save_model as keep
     from ..effects.registry import load_effect
     from ..model import explain as explain_record
+    from ..reporter.explain_report import check_picture
 
     context = click.get_current_context()
     wrong = [p.opts[0] for p in context.command.params if p.name in (OF_ONE if every else OF_ALL)
@@ -53,7 +55,7 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
         raise UsageError(f"{wrong[0]} goes with --all", where=wrong[0],
                          remedy="add --all; for one loop there are --json, --html and --save-model")
     export = Export.of(given)
-    check_places(export, given, save_model)
+    check_picture(given["picture"])
     more, chosen = ([load_effect(name) for name in names] for names in (outside, add))
     if every:
         return explain_plant(export, outside, given)
@@ -63,16 +65,6 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
         keep(found.model, save_model)
         say(f"model written to {save_model}")
     return show(found, given)
-
-
-def check_places(export: Export, given: Mapping[str, Any], save_model: Path | None = None) -> None:
-    """Refuse a name that no picture can have, and to write a result over the export it comes from."""
-    from ..reporter.explain_report import check_picture
-
-    check_picture(given["picture"])
-    for output in filter(None, (save_model, *map(given.get, ("picture", "json_file", "html", "output")))):
-        if any(p.is_file() and output.resolve() == p.resolve() for p in export.inputs):
-            raise UsageError("this is the export itself", where=str(output), remedy="choose another name")
 
 
 def show(found: Comparison | Explanation, given: Mapping[str, Any]) -> int:

@@ -17,8 +17,7 @@ def active(spans: Sequence[Span]) -> list[Span]:
     """Return the exports of a loop that count, in time order: no data enters twice as a night.
 
     An export inside a longer one is left out (a night exported too early and then again), unless the shorter ones
-    together cover the longer one: then they stand for it (single nights, and later the whole month in one file).
-    """
+    together cover the longer one: then they stand for it (single nights, and later the whole month in one file)."""
     everything = sorted(set(spans))
     out: set[Span] = set()
     for span in sorted(everything, key=lambda s: (s[0] - s[1], s)):  # longest first

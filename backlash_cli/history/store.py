@@ -294,7 +294,10 @@ def stored(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_folder(path: Path) -> None:
-    """Raises BacklashError where the folder in which a history would be made does not exist."""
+    """Raises BacklashError where a folder has the name of a history, or where there is none that it could lie in."""
+    if path.is_dir():
+        raise BacklashError("a history is a file, this is a folder", where=str(path), code="no_history",
+                            remedy="give the name of a file in it")
     if not path.parent.is_dir():
         raise BacklashError("the folder of the history does not exist", where=str(path.parent), code="no_history",
                             remedy="make the folder first")

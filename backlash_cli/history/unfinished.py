@@ -30,16 +30,14 @@ class Unfinished:
     """The finished loops of one scan, `known` by their keys. Can be sent to other processes, which only add to it.
 
     history: its database. scan: all that makes two scans the same one. resume: take over what is there; else it begins
-    anew. Raises BacklashError when the file cannot be made.
-    """
+    anew. Raises BacklashError when the file cannot be made."""
 
     def __init__(self, history: str | Path, scan: Iterable[object], *, resume: bool) -> None:
-        history = Path(history)
+        check_folder(history := Path(history))
         name = hashlib.sha256(repr((__version__, *scan)).encode("utf-8", "backslashreplace")).hexdigest()[:12]
         self.path = history.with_name(f"{history.name}.unfinished-{name}")
         self.known: dict[str, LoopReport] = {}
         self.resumed = resume
-        check_folder(history)
         try:
             with open(self.path, "a+b" if resume else "w+b") as file:
                 file.seek(0)
