@@ -116,15 +116,14 @@ TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "in
 
 
 def command(function: Callable[..., int | None]) -> click.Command:
-    """Make a command of a function: options and words stand under its name in `commands.toml`. It refuses to write over
-    what it reads."""
+    """Make a command of a function, which never writes over what it reads; its words and options: `commands.toml`."""
+
     @wraps(function)
     def run(**given: Any) -> int | None:
         read = [path for path in (*given.get("inputs", ()), given.get("loops")) if isinstance(path, Path)]
         for path in map(given.get, WRITTEN):
             if isinstance(path, Path) and path.is_file() and any(path.samefile(one) for one in read if one.exists()):
-                raise UsageError("this is the export itself, or its settings", where=str(path),
-                                 remedy="choose another name")
+                raise UsageError("this is the export itself, or its settings", where=f"{path}", remedy="choose another")
         return function(**given)
 
     words = PAGE[function.__name__]
@@ -146,6 +145,5 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
         kind = (click.IntRange if isinstance(ends[0], int) else click.FloatRange)(*ends)
     if "help" not in words:
         return click.Argument([name], type=kind, **words)
-    switch = kind is None and "metavar" not in words
-    # is_flag = False would take a negative number for an option
-    return click.Option([*flags, name], type=kind, is_flag=switch or None, **words)
+    switch = (kind is None and "metavar" not in words) or None  # False would take a negative number for an option
+    return click.Option([*flags, name], type=kind, is_flag=switch, **words)

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..errors import BacklashError, UsageError
 from ..reporter.safe import counted
 from .options import Export, cluster, command
 from .terminal import emit, progress, put, say, say_failures, say_if_first_run
@@ -161,7 +161,6 @@ class Job:
                         client=self.client)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
-        from ..errors import BacklashError
         from ..loaders.plant import open_plant
         from ..loaders.sources import find_sources
 
@@ -205,7 +204,6 @@ def remember(result: ScanResult, history: Path, job: Job) -> None:
 
 def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     """Return a result per export where the exports are nights of the same loops; nothing where they are not."""
-    from ..errors import BacklashError
     from ..loaders.sources import find_sources
 
     long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]

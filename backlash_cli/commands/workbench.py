@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..errors import LoopError, UsageError
+from ..errors import LoopError, UsageError, some
 from .options import Export, cluster, command
 from .terminal import deliver, progress, put, say, say_failures
 
@@ -120,9 +120,8 @@ def one_loop(export: Export, name: str | None) -> Record:
     if not plant.records:
         raise LoopError(plant.failures[0].message if plant.failures else "no loop could be read")
     names = names_in(plant)
-    shown = ", ".join(names[:20]) + (f" and {len(names) - 20} more" if len(names) > 20 else "")
     what = "several loops here" if name is None else f"{name!r} means several loops"
-    raise UsageError(f"{what}: {shown}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
+    raise UsageError(f"{what}: {some(names, 20)}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
 
 
 def names_in(plant: Plant) -> list[str]:
