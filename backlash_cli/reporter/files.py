@@ -43,13 +43,13 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe (/dev/stdout) is
     written straight, since it must not be replaced by a file. Raises BacklashError as `write_text`.
     """
-    target = Path(os.path.realpath(path))
+    given, target = Path(path), Path(os.path.realpath(path))
     with _told(path):
-        mode = target.stat().st_mode if target.exists() else None
-        if target.is_dir():
+        mode = given.stat().st_mode if given.exists() else None
+        if given.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
         if mode is not None and not stat.S_ISREG(mode):
-            yield target
+            yield given  # the name behind a pipe's link names nothing
             return
         _sweep(target.parent)
         temporary = target.parent / f".backlash-{secrets.token_hex(6)}.tmp"

@@ -142,3 +142,9 @@ def test_what_a_killed_run_left_goes_after_a_day(tmp_path):
     os.utime(young)
     write_text(tmp_path / "report.json", "{}")
     assert sorted(tmp_path.iterdir()) == sorted([young, *others, tmp_path / "report.json"])
+
+
+def test_a_pipe_is_written_straight():
+    done = subprocess.run([sys.executable, "-c", "from backlash_cli.reporter.files import write_text\n"
+                           "write_text('/dev/stdout', 'through a pipe')"], capture_output=True, text=True)
+    assert done.stdout == "through a pipe", done.stderr
