@@ -162,7 +162,8 @@ def hold(values: FloatArray) -> FloatArray:
 def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
                        loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
                        disturbances: Mapping[str, object] | None = None) -> Record:
-    """Make a gap-free Record from normalised arrays of one length (else ValueError); `setpoint` may be one number."""
+    """Make a gap-free Record from normalised arrays of one length; `setpoint` may be one number. Values in engineering
+    units are noted (`read` scales those of a DataFrame). Raises ValueError for other lengths and impossible numbers."""
     pv = np.asarray(measurement, dtype=np.float64)
     sp = np.broadcast_to(np.asarray(setpoint, dtype=np.float64), pv.shape).copy()
     op = None if output is None else np.asarray(output, dtype=np.float64)
@@ -170,9 +171,16 @@ def record_from_arrays(setpoint: object, measurement: object, output: object | N
     for name, values in {"output": op, **extra}.items():
         if values is not None and values.shape != pv.shape:
             raise ValueError(f"{name} has {values.shape} samples, measurement has {pv.shape}")
+    K, Ti = (settings.K, settings.Ti) if settings else (None, None)
+    if not 0.0 < interval < np.inf or not (K is None or abs(K) > 0.0) or not (Ti is None or 0.0 < Ti < np.inf):
+        raise ValueError(f"interval {interval}, K {K}, Ti {Ti}: seconds above 0 are needed, and a gain other than 0")
+    middle = {name: float(np.median(x[np.isfinite(x)])) for name, x in {"measurement": pv, "output": op}.items()
+              if x is not None and np.isfinite(x).any()}
+    notes = tuple(Note("not_in_spans", f"{name} is {value:.4g} in the middle: sizes and limits are right for parts of "
+                       "the span only, 0 to 1") for name, value in middle.items() if abs(value - 0.5) > 1.0)
     bad = ~np.isfinite(pv) | ~np.isfinite(sp)
     if op is not None:
         bad |= ~np.isfinite(op)
     state = np.where(bad, SampleState.MISSING, SampleState.GOOD).astype(np.uint8)
     index = np.arange(len(pv), dtype=np.int64)
-    return Record(loop, start, interval, index, sp, pv, op, state, settings or LoopSettings(), extra)
+    return Record(loop, start, interval, index, sp, pv, op, state, settings or LoopSettings(), extra, notes)

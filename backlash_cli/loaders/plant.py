@@ -54,6 +54,9 @@ class Plant(Frozen):
     def __len__(self) -> int:
         return len(self.records)
 
+    def __contains__(self, loop: object) -> bool:
+        return loop in {r.loop for r in self}
+
     def __iter__(self) -> Iterator[Record]:
         return iter(self.records)
 

@@ -28,6 +28,7 @@ def table(tmp_path):
 def test_a_table_is_read_as_its_file(table, change):
     frame, plant = table
     got = read(change(frame), loops=parse_toml(SETTINGS, "loops.toml"))
+    assert all(loop in got for loop in ("FIC101", *[r.loop for r in plant])) and "FIC999" not in got
     assert got.inputs == ("DataFrame",) and [r.loop for r in got] == [r.loop for r in plant]
     for one, other in zip(got, plant, strict=True):
         assert one.start == other.start and one.settings == other.settings
@@ -43,7 +44,7 @@ def test_words_among_numbers_are_digital_states(table):
 
 @pytest.mark.parametrize(("change", "words"), [
     (lambda t: t.reset_index(drop=True), "DataFrame: no time column"), (lambda t: t[:0], "DataFrame: no rows"),
-    (lambda t: t.set_axis(["FIC101.PV"] * t.shape[1], axis=1), "a name of its own"), (lambda t: 5, "DataFrame")])
+    (lambda t: t.set_axis(["FIC101.PV"] * t.shape[1], axis=1), "names of their own"), (lambda t: 5, "DataFrame")])
 def test_what_a_table_lacks_is_said(table, change, words):
     with pytest.raises(InputError, match=words):
         read(change(table[0]))
