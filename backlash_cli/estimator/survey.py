@@ -86,7 +86,7 @@ class Survey:
 def measured(r: Record) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:
     """Samples that were measured, not filled in, from a few stretches: grid numbers (rows,) and values (rows,) of the
     measurement, then of the output. More would not show better what a recorder did to them."""
-    at = _even_choice(r.index, r.usable & np.isfinite(r.setpoint) & np.isfinite(r.measurement), SLOTS // 2)
+    at = _even_choice(r.index, r.usable & np.isfinite(r.measurement), SLOTS // 2)
     at = at[r.state[at] == SampleState.GOOD]
     outputs = np.full(len(at), np.nan) if r.output is None else r.output[at]
     both = np.isfinite(outputs)

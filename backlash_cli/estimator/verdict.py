@@ -105,7 +105,8 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
         assert isinstance(f.confirmation, Confirmation)
         return replace(min(automatic, tested, key=_width), verdict=Verdict.BACKLASH, confidence=JOINT, reasons=(
             note("joined"), _explained(c), _explained(f.confirmation), noted("play_or_stiction")))
-    at_least = (*DECIDED, *[Verdict.SUSPECTED][: automatic.verdict in NOTHING_SAID or _contradict(automatic, tested)])
+    open_question = automatic.verdict in NOTHING_SAID or _contradict(automatic, tested)
+    at_least = (*DECIDED, Verdict.SUSPECTED) if open_question else DECIDED
     if tested.verdict not in at_least:
         missing = said("manual_test:trace" if c.details["trace"] else "manual_test:blind", d=c.d)
         if tested.verdict is Verdict.SUSPECTED:

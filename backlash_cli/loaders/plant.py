@@ -72,7 +72,8 @@ def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata
         with TemporaryDirectory() as folder:
             file = Path(folder, "DataFrame.parquet")
             try:
-                inputs.apply(lambda column: column.astype(str) if column.dtype == object else column).to_parquet(file)
+                inputs.apply(lambda column: column if column.dtype != object else  # words among numbers
+                             column.astype(str).where(column.notna())).to_parquet(file)
                 return replace(read(file, loops=loops, options=options), inputs=("DataFrame",))
             except BacklashError as error:
                 error.where = error.where.replace(str(file), "DataFrame")

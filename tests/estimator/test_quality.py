@@ -192,3 +192,8 @@ def test_what_an_exception_deviation_leaves_in_means_is_that_of_a_signal_that_sw
     left = (stored - swing).reshape(-1, 50).mean(axis=1)
     found = stored_as(np.arange(len(stored)), stored).error
     assert float(np.std(left)) < found < 2.5 * float(np.std(left))
+
+
+def test_how_pv_was_stored_is_seen_without_a_setpoint_too() -> None:
+    record = replace(RECORD, measurement=np.round(PV, 2), setpoint=np.full(len(PV), np.nan))
+    assert data_quality(record).pv.step == pytest.approx(0.01)
