@@ -39,7 +39,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
 
     warnings, failures, inputs = (getattr(plant, name, ()) for name in ("warnings", "failures", "inputs"))
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
-    loops = tuple(loops) if isinstance(loops, Iterable) and not isinstance(loops, Record) else (loops,)
+    loops = tuple(loops) if isinstance(loops, Iterable) else (loops,)
     if not all(isinstance(loop, (Record, Recipe)) for loop in loops):
         raise UsageError(f"scan takes what read returns, or Records, and not {type(plant).__name__}",
                          remedy="scan(read(table)) for a table in memory, scan_files(path) for files")

@@ -96,10 +96,6 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
 
 def place(text: str) -> Path | Remote:
     """Read a path, or an address such as s3://bucket/plant.parquet."""
-    if not text:
-        raise UsageError("an input has an empty name", remedy="name an export: a file or folder, . for this one")
-    if "://" not in text and "::" not in text:
-        return Path(text)
     from ..loaders.sources import place
 
     return place(text)

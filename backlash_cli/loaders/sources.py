@@ -35,7 +35,8 @@ def place(given: str | PathLike[str]) -> Path | Remote:
     """Return what a user calls an input: a Path, or a Remote for an address; file:// is a path."""
     if isinstance(given, (Path, Remote)):
         return given
-    text = os.fspath(given)
+    if not (text := os.fspath(given)):
+        raise InputError(**explained("no_name"))
     if not _ADDRESS.match(text):
         return Path(text)
     if text.lower().startswith(("file://", "local://")):

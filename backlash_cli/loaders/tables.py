@@ -89,8 +89,7 @@ class TextTable:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
-            lines = 1 + row.text.count("\n")
-            self._bad.append((row.number, row.expected_columns, row.actual_columns, lines))
+            self._bad.append((row.number, row.expected_columns, row.actual_columns, 1 + row.text.count("\n")))
             return "skip"
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {

@@ -10,6 +10,8 @@ import pytest
 from backlash_cli.__main__ import cli
 from backlash_cli.commands.options import PAGE
 
+from .run import run
+
 NAMES = list(cli.commands)
 
 
@@ -66,3 +68,26 @@ def test_nothing_on_the_page_is_left_over():
     used = asked | {name for words in tables.values() for name in words.get("options", {})}
     used |= {name for group in asked & set(PAGE["groups"]) for name in PAGE["groups"][group]}
     assert not set(PAGE["options"]) - used and not set(PAGE["groups"]) - asked
+
+
+@pytest.mark.parametrize("arguments", [
+    "scan P --output P", "scan ./P --output P", "scan P --history P", "scan P --plot P", "check P --output P",
+    "plan P --output P", "compare P --json P", "scan P --loops L --output L"])
+def test_what_a_command_reads_is_never_written_over(arguments, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    for name in "PL":
+        (tmp_path / name).write_text("is not even read")
+    done = run(capfd, *arguments.split())
+    assert done.status == 2 and "this is the export itself" in done.err
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"is not even read"}
+
+
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["scan", "P", "--jobs", "-2"], "-2 is not in the range"), (["scan", ""], "an input has an empty name"),
+    (["scan", "P", "--sample=-3"], "'-3' is no size of a sample"),
+    (["plan", "P", "--target", "-1"], "a size of -1 allows nothing")])
+def test_odd_values_are_told_as_what_they_are(arguments, words, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "P").write_text("time,FIC101.PV\n2026-03-02 06:00:00,1\n2026-03-02 06:00:01,2\n")
+    done = run(capfd, *arguments)
+    assert done.status == 2 and words in " ".join(done.err.split())
