@@ -40,8 +40,8 @@ FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
-LEAST_INTERVAL, IMPERFECTION = 0.08, 0.6  # of d, each way: floor, and what imitations gain as a share of the gap's gain
-DOUBT = 0.1  # of what imitations gain [nats]: differences of gains are no better known than that
+LEAST_INTERVAL, IMPERFECTION = 0.08, 0.4  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
 GAP = 20  # samples; a hole as long ends a recording
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
