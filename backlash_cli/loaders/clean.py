@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import re
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
@@ -27,6 +28,7 @@ from .states import automatic
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
 LONGEST_FILL = 60  # samples, however slow the controller
+MILLIAMPERES = re.compile(r"\bmA\b")
 
 
 class Recipe(Frozen):
@@ -146,7 +148,8 @@ class _Making:
             output = None
         self.has_output = output is not None
         self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
-                                            [] if output is None else [output])
+                                            [] if output is None else [output],
+                                            any(MILLIAMPERES.search(item.tag) for item in loop.roles.get("op", ())))
         scaled, guessed = self.spans
         self.notes += guessed
         manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)

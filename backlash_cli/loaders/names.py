@@ -95,10 +95,10 @@ def split_tag(text: str) -> Tag:
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
-    for drop, words in product((2, 1, 0), (3, 2, 1)):
+    for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
         kept = parts[: len(parts) - drop]
         end = parts[-drop].start() if drop else len(name)
-        if len(kept) >= words and (not drop or plain(name[end:]) in COLUMNS["attribute"]):
+        if len(kept) >= words and (not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"]):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
                 return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

@@ -51,6 +51,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
+CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250")  # the first one without any sign
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
@@ -137,7 +138,7 @@ class Text:
                 yield piece
 
     def _decoded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
-        """Yield text as UTF-8; from the first bytes on that are not, it counts as Western European."""
+        """Yield text as UTF-8; from the first bytes on that are not, it counts as of a `code_page`."""
         head = b""
         while len(head) < SAMPLE and (piece := next(pieces, b"")):
             head += piece
@@ -154,10 +155,10 @@ class Text:
             try:
                 text = decoder.decode(piece, final=not piece)
             except UnicodeDecodeError:
-                piece, encoding = decoder.getstate()[0] + piece, "cp1252"
-                decoder = codecs.getincrementaldecoder("cp1252")("replace")
+                piece, encoding = decoder.getstate()[0] + piece, code_page(head)
+                decoder = codecs.getincrementaldecoder(encoding)("replace")
                 text = decoder.decode(piece)
-                self.notes.append(noted("encoding:western"))
+                self.notes.append(noted("encoding:page", encoding=encoding))
             if "\ufffd" in text and encoding != "utf-8" and not self.notes:
                 self.notes.append(noted("encoding", encoding=encoding))
             yield text.encode("utf-8", errors="replace")
@@ -222,6 +223,16 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
     if len(sample.translate(None, _TEXT)) > 0.02 * len(sample):
         raise InputError(**explained("binary"), where=str(path))
     return "utf-8"
+
+
+def code_page(head: bytes) -> str:
+    """Return the code page that makes known names or stamps of most cells of a text which is not UTF-8; the Western
+    European one where none does."""
+    def known(page: str) -> int:
+        cells = {*re.split(r'[,;\t|"\r\n]+', head[:SAMPLE].decode(page, "ignore"))}
+        return sum(not c.isascii() and bool(is_time_name(c) or split_tag(c).role or kind(c) == "time") for c in cells)
+
+    return max(CODE_PAGES, key=known)
 
 
 def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
@@ -292,8 +303,11 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    if not before and kinds[1:] == ("number",) and split_tag(undated(stem)).role in SIGNALS:  # the file says it all
-        before = {0: ["time", "value"]}
+    if not before:  # the name of the file, or a tag in every row, may say it all
+        told = [stem] if kinds[1:] == ("number",) else [row[kinds.index("text")] for row in data if len(row) == width
+                                                        ] if sorted(kinds) == ["number", "text", "time"] else []
+        if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
+            before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
     names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
@@ -363,7 +377,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
             [*row[:unnamed], "", *row[unnamed:]] for row in rows[-8:]]
     best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
-    if "number" in kinds[len(rows[best]) :] and len(rows[best]) > 1:
+    if "number" in kinds[len(rows[best]) :] and any(rows[best][1::2]):  # a tag above each time has nothing beside it
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
@@ -391,7 +405,7 @@ def score_names(cells: list[str]) -> float:
     points = 0.0
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
-            points += 1.0
+            points += 1.5 if split_tag(cell).loop else 1.0
         elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):
@@ -402,13 +416,15 @@ def score_names(cells: list[str]) -> float:
 def _joined(names: list[str], other: list[str]) -> list[str]:
     """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does."""
     high, low = (other, names) if score_names(names) >= score_names(other) else (names, other)
+    tags = [word for word in low if (tag := split_tag(word)).loop and tag.role in SIGNALS]
+    enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
     for cell, word in zip(high, low, strict=True):
         upper = cell or upper
         tag = split_tag(upper)
         part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
             not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word)))
-        result.append(f"{upper}.{word}" if upper and part else upper or word)
+        result.append(word if word in enough else f"{upper}.{word}" if upper and part else upper or word)
     return result
 
 

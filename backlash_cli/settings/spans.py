@@ -9,21 +9,30 @@ from ..record import FloatArray, LoopSettings, Note
 from .schema import Settings
 
 SLACK = 0.05  # of a span: noise around the end of a range
+TINY = 0.01  # of a span: no valve is throttled there, but shares of 1 are where per cent are expected
 
 
-def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray]) -> tuple[LoopSettings, list[Note]]:
+def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], current: bool = False
+             ) -> tuple[LoopSettings, list[Note]]:
     """Decide the spans of one loop after the contract; return its settings on normalised signals, and what was guessed.
-    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded. Raises LoopError
-    (missing_range) for a gain whose spans are not known."""
+    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded; current: it is one in mA, as
+    its column says. Raises LoopError (missing_range) for a gain whose spans are not known."""
     notes: list[Note] = []
     loop, guessed = settings.loop, []
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
+        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         if given is not None:
             loop = loop.with_values(loop.source[name], **{name: given})
+            if name == "op_range" and len(values) and (
+                    given[0] <= values.min() < values.max() <= given[0] + TINY * (given[1] - given[0])):
+                notes.append(Note("op_tiny", f"all of OP lies in the lowest {TINY:.0%} of op_range: if it is a share "
+                                  "of 1, write op_range = [0, 1]"))
             continue
-        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         low, high = _bounds(values)
-        if low >= -SLACK and high <= 1.0 + SLACK:
+        if name == "op_range" and current:
+            span = 4.0, 20.0
+            notes.append(Note("op_current", "op_range is not given: output in mA, 4..20 is taken"))
+        elif low >= -SLACK and high <= 1.0 + SLACK:
             span = 0.0, 1.0
         elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
             span = 0.0, 100.0

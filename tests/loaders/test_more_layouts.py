@@ -240,6 +240,14 @@ MORE = {
     "no_header_but_the_file": Export({f"{n}.csv": "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
     "quality_in_french": Export({"plant.csv": long(lambda n,t,v:f"{n};{t:%d/%m/%Y %H:%M:%S};{v.replace('.',',')};{'Mauvaise' if t == STAMPS[0] and n == 'PIC303.X' else 'Bonne'}","Repère;Horodate;Valeur;Qualité")}),
     "flags_of_values": Export({f"{n}.csv": "Timestamp,Value,Annotated,Questionable,Substituted\n" + "".join(f"{t:%m/%d/%Y %I:%M:%S %p},{cell(n, x)},False,False,False\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
+    "units_behind_in": Export({"plant.csv": wide(name=lambda n: f"{n} in {'%' if n.endswith('OP') else 'm3/h'}", delimiter=";")}),
+    "tag_in_every_row": Export({"plant.txt": "".join(f"{n},{t:%d-%b-%y %H:%M:%S},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}),
+    "header_ends_with_a_tag": Export({"plant.csv": ",,".join(SIGNALS) + "\n" + "".join(",".join(f"{iso(t)},{cell(n, v[i])}" for n, v in SIGNALS.items()) + "\n" for i, t in enumerate(STAMPS))}),
+    **{f"code_page_{page}_{words['PV']}": Export({"plant.csv": wide(lambda t, form=form: t.strftime(form), time_name=time, delimiter=";", name=lambda n, words=words: f"{n[:-2]}{words[n[-2:]]}").encode(page)}, notes=("encoding",)) for page, time, form, words in (
+        ("cp932", "日時", "%Y年%m月%d日 %H時%M分%S秒", {"SP": "SV", "PV": "PV", "OP": "MV"}), ("cp932", "日時", "%Y/%m/%d %H:%M:%S", {"SP": "設定値", "PV": "測定値", "OP": "操作量"}),
+        ("gb18030", "时间", "%Y-%m-%d %H:%M:%S", {"SP": "设定值", "PV": "测量值", "OP": "输出值"}), ("big5", "時間", "%Y/%m/%d %H:%M:%S", {"SP": "給定值", "PV": "過程值", "OP": "輸出值"}),
+        ("cp1251", "Время", "%d.%m.%Y %H:%M:%S", {"SP": "Задание", "PV": "Измерение", "OP": "Выход"}), ("cp1252", "Zeit", "%d.%m.%Y %H:%M:%S", {"SP": "Sollwert", "PV": "Istwert", "OP": "Stellgröße"}),
+        ("cp1250", "Data", "%Y-%m-%d %H:%M:%S", {"SP": " Wartość zadana", "PV": " Wartość mierzona", "OP": " Wyjście"}))},
 }  # fmt: skip
 for key, (separator, decimal, delimiter) in GROUPED.items():
     MORE[f"grouped_{key}"] = Export(

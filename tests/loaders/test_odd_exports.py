@@ -355,3 +355,26 @@ def test_values_that_are_good_for_no_part_of_their_time_are_not_used(tmp_path):
     plant = read(save(tmp_path, long(row, "Tag,Time,Value,PercentGood")))
     assert [r.loop for r in plant] == ["PIC303"]
     assert "600 samples of FIC101.PV have bad quality" in plant.failures[0].message
+
+
+@pytest.mark.parametrize(("name", "factor", "given", "span", "code"), [
+    ("OP [mA]", 0.16, "", (4.0, 20.0), "op_current"), ("OP [mA]", 0.16, "op_range = [0, 20]", (0.0, 20.0), ""),
+    ("OP", 0.01, "op_range = [0, 100]", (0.0, 100.0), "op_tiny"), ("OP", 0.01, "op_range = [0, 1]", (0.0, 1.0), "")])
+def test_an_output_in_another_unit_is_taken_for_what_it_is_or_told(tmp_path, name, factor, given, span, code):
+    text = wide(name=lambda n: n.replace("OP", name),
+                value=lambda n, v: f"{4.0 * (factor == 0.16) + factor * v:.4f}" if n.endswith("OP") else cell(n, v))
+    path = save(tmp_path, text)
+    (tmp_path / "loops.toml").write_text(SETTINGS.replace("op_range = [0, 100]", given), encoding="utf-8")
+    record = read(path)["FIC101"]
+    assert record.settings.op_range == span
+    assert {note.code for note in record.notes if note.code.startswith("op_")} == {code} - {""}
+
+
+def test_tags_below_the_channels_of_a_recorder_name_its_signals(tmp_path):
+    tags = [f"FIC101.{signal}" for signal in ("PV", "SP", "OP")]
+    text = f"Model,GX20\nDate,Time,Sec,CH0001,CH0002,CH0003\n,,,{','.join(tags)}\n,,,m3/h,m3/h,%\n"
+    text += "".join(f"{stamp:%Y/%m/%d,%H:%M:%S},0.0,{','.join(cell(tag, SIGNALS[tag][i]) for tag in tags)}\n"
+                    for i, stamp in enumerate(STAMPS))
+    plant = read(save(tmp_path, text))
+    assert [record.loop for record in plant] == ["FIC101"] and plant["FIC101"].output is not None
+    equals_the_recording(plant["FIC101"])
