@@ -78,7 +78,8 @@ class Cells(Frozen, eq=False):
         for unit, count in zip(units, np.bincount(which).tolist(), strict=True):
             tally[unit] += count * bool(unit)
         plain = int(np.count_nonzero(np.isfinite(self.values)))
-        main = "" if plain > tally.total() or (plain and tally.keys() & {"k", "m"}) else tally.most_common(1)[0][0]
+        # a unit stands behind all numbers, or nearly; behind some of them it says that these are other ones
+        main = "" if 4 * plain > tally.total() or (plain and tally.keys() & {"k", "m"}) else tally.most_common(1)[0][0]
         flags[rows] = (bad[used] | [unit not in ("", main) for unit in units])[which]
         out = np.where(flags, np.nan, self.values)
         out[rows] = np.where(flags[rows], np.nan, values[used][which])
@@ -168,6 +169,9 @@ def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
 
 def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     """The number and the unit of a text, nan for one that is no good number. comma: is its decimal sign."""
+    text = text.replace("\u2212", "-")
+    if text.endswith("-") and text[0] != "-":  # as 12.5- on business forms
+        text = f"-{text[:-1].rstrip()}"
     match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
     unit = (match[2] or "").strip() if match else ""
     if match is None or _FLAG.search(unit):

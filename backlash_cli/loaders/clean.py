@@ -204,7 +204,7 @@ class _Making:
                 ) -> tuple[NDArray[np.bool_] | None, list[Note]]:
         """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
         items = loop.roles.get("mode", [])
-        found = [automatic(item.cells(), auto_modes) for item in items]
+        found = [automatic(item.cells(), auto_modes, item.signal) for item in items]
         notes = [note for _, more in found for note in more]
         if not items:
             return None, notes

@@ -22,6 +22,7 @@ HOUR, DAY = 3600 * SECOND, 86_400 * SECOND
 OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
 FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
+FINEST = 1000  # microseconds: no controller is that fast
 MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
@@ -257,6 +258,8 @@ def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
     if len(order.stamps) < 2:
         raise LoopError(**explained("too_few_samples", samples=len(order.stamps)))
+    if (apart := (order.stamps[-1] - order.stamps[0]) / (len(order.stamps) - 1)) < FINEST:
+        raise LoopError(**explained("too_fine", seconds=apart / SECOND))
     grid = _plan(order.stamps).laid(order)
     return replace(grid, notes=(*order.notes, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
 

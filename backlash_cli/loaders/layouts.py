@@ -1,5 +1,6 @@
 """Which column of a file is what: wide, single-loop, long (a row per sample), tall (rows of a loop), tag pairs."""
 
+import re
 from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
@@ -25,7 +26,7 @@ from .names import (
 )
 from .options import ReadOptions
 from .signals import Series
-from .states import quality_words
+from .states import mode_words, quality_words
 from .times import DATE, DATES, OF_DAY, is_midnight, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
@@ -237,8 +238,11 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     quality: dict[int, int] = {}
     for i in values:
         tag, before = head.tags[i], i - 1
+        of_loop = [k for k in values if head.tags[k].role == "pv" and head.tags[k].loop == tag.of]
         if tag.role == "quality" and tag.of in head.names:
             quality[head.names.index(tag.of)] = i
+        elif tag.role == "quality" and of_loop and (head.marks(i) or re.search("bad|qual|valid", head.plain[i])):
+            quality[of_loop[0]] = i  # FIC101.BadPV
         elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
@@ -272,6 +276,9 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         elif only and (not name or head.plain[i] in VALUE or (not tags[i].loop and split_tag(stem).role in SIGNALS)):
             name = stem if split_tag(stem).role in SIGNALS and not split_tag(home).role else home or stem
         one = of_tag(head, layout, name, i, place)
+        if not one.role and i in head.texts and mode_words(head.words(i)) and not any(
+                other.role == "mode" and other.loop == (tags[i].of or one.loop) for other in tags):
+            one = replace(one, loop=tags[i].of or one.loop, role="mode")  # FIC101.Status: AUTO, MANUAL
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)

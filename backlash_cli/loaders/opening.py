@@ -77,7 +77,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
             raise InputError(**explained("no_file"), where=str(path))
         if not magic:
             with path.open("rb", buffering=0) as file:
-                magic = file.read(64)
+                magic = file.read(512)
     except OSError as error:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
@@ -87,7 +87,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
         return "workbook" if named or packed else "archive"
     for mark, (what, remedy) in WORDS["foreign"].items():
-        if magic.startswith(mark.encode("latin-1")):
+        if magic[257 * (mark == "ustar") :].startswith(mark.encode("latin-1")):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
@@ -311,8 +311,10 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
-    return Head(where, title if titled else stem, names, (), kinds, partition,
-                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
+    decimal = options.decimal or decimal_sign(numbers, "," if only_commas else ".")
+    if not options.decimal and decimal == "." and any("," in c for c in numbers) and not any("." in c for c in numbers):
+        text.notes.append(noted("thousands", shown=next(c for c in numbers if "," in c)))
+    return Head(where, title if titled else stem, names, (), kinds, partition, decimal, delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
 
 
@@ -350,7 +352,8 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         # a period above the header has no values
         filled = not times or any(cell.strip() for i, cell in enumerate(own) if i < len(kinds) and (
             kinds[i] == "number" if "number" in kinds else i not in times and kinds[i] != "empty"))
-        return any(hits) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
+        begun = hits if times else hits[:1]  # where no column holds stamps the first one is the time
+        return any(begun) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
             COMMENT.match(own[0]) and kind(own[0]) == "text")
 
     count = len(lines)

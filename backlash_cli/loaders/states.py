@@ -13,6 +13,7 @@ from .names import WORDS, noted
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
 _ONE_IS_BAD = re.compile(r"inv|bad|question|fault", re.IGNORECASE)
+_ONE_IS_MANUAL = re.compile(r"(?:in|is)?man(?:ual)?(?:mode|flag)?|hand", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 
@@ -21,6 +22,12 @@ def quality_words(words: list[str]) -> bool:
     plain = [word.strip() for word in words if len(word.strip()) > 1]
     return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
         re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
+
+
+def mode_words(words: list[str]) -> bool:
+    """Say whether texts are modes of a controller."""
+    return all(_AUTO.fullmatch(word.strip()) or _MANUAL.fullmatch(word.strip()) for word in words) and any(
+        re.match(r"aut|man|cas|hand", word.strip(), re.IGNORECASE) for word in words)
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
@@ -72,14 +79,19 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
         return (low_bits >= 128) & (low_bits < 256), []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
+    if _ONE_IS_BAD.search(name) and low >= 0.0 and high <= 1.0:
+        return values == 0.0, []
     if low == high:
         return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), []
     return values == usual, [noted("quality_code", usual=usual)]
 
 
-def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[Note]]:
+def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
-    0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus."""
+    0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus. name: MAN is 1 in manual."""
+    if _ONE_IS_MANUAL.fullmatch(name) and {word.strip().lower() for word in cells.texts()[1]} <= {
+            "0", "1", "true", "false", "on", "off"}:
+        return 1.0 - automatic(cells, further)[0], []
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
     extra, named = _named(further)
     if numbers is not None:
@@ -96,9 +108,10 @@ def automatic(cells: Cells, further: tuple[str, ...]) -> tuple[FloatArray, list[
 def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, list[Note]]:
     present = np.isfinite(values)
     distinct = np.unique(values[present])
-    whole, notes = np.clip(distinct, 0, 256).astype(np.int64), []
+    whole = np.clip(distinct, 0, 256).astype(np.int64)
     if named or np.isin(distinct, (0.0, 1.0, 2.0, 3.0)).all():
         auto = np.isin(values, named or (1.0, 2.0, 3.0))
+        notes = [noted("mode_numbers:usual")] if len(distinct) > 1 and not named else []
     elif np.all((distinct == whole) & (whole > 0) & (whole <= 128) & (whole & (whole - 1) == 0)):
         auto = np.isin(values, (16.0, 32.0, 64.0))
         notes = [noted("mode_numbers:fieldbus")]

@@ -24,6 +24,7 @@ _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in W
 _NO_DATE: str = WORDS["stamps"]["no_date"]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
+_ZONE = re.compile(r"(?:UTC|GMT)\s?[+-]\d{1,2}(?::?\d{2})?")  # in the name of a column
 DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
 DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
@@ -152,6 +153,7 @@ class StampReader:
         self._unit = ""  # of stamps that are numbers
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
+        self._east = _minutes_east(found[0].replace(" ", "")) if (found := _ZONE.search(self.name)) else 0
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
 
@@ -233,6 +235,8 @@ class StampReader:
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
                 stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
+            if zone is None and self._zones == {False}:
+                stamps = np.where(stamps == NAT, NAT, stamps - self._east * 60 * SECOND)
             return stamps if zone is None else self._utc(stamps, zone)
 
         return resolved
@@ -353,7 +357,7 @@ class StampReader:
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
-                self.notes.append(noted("relative_time", column=self.name))
+                self.notes.append(noted("relative_time", column=self.name, unit=self._unit))
         if self._unit == "digits":
             text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
             if np.median(known) < 1e6:  # 260317 may be open, as 26-03-17 is

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import datetime as dt
+import gzip
+import io
+import tarfile
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -378,3 +381,95 @@ def test_tags_below_the_channels_of_a_recorder_name_its_signals(tmp_path):
     plant = read(save(tmp_path, text))
     assert [record.loop for record in plant] == ["FIC101"] and plant["FIC101"].output is not None
     equals_the_recording(plant["FIC101"])
+
+
+@pytest.mark.parametrize("written", ["{:.2f}-", "{:.2f} -", "\u2212{:.2f}"])
+def test_a_minus_may_stand_behind_its_number_or_be_a_printed_one(tmp_path, written):
+    def value(tag, v):
+        v -= 405.0 * (tag == "FIC101.PV")
+        return written.format(-v) if v < 0.0 else cell(tag, v)
+
+    record = read(save(tmp_path, wide(value=value)))["FIC101"]
+    np.testing.assert_allclose(record.measurement * 900.0 + 405.0, SIGNALS["FIC101.PV"], atol=0.006)
+
+
+def test_a_word_behind_half_of_the_numbers_is_no_unit(tmp_path):
+    lines = [line.split(",") for line in wide().splitlines()]
+    for k in range(1, len(lines), 2):
+        lines[k][2] += " B"
+    record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
+    assert np.count_nonzero(record.state) == ROWS // 2 and "not_numbers" in codes(record.notes)
+
+
+def with_column(name, of_row):
+    """A wide export with one more column, right of FIC101.OP."""
+    lines = [line.split(",") for line in wide().splitlines()]
+    cells = ([*row[:4], of_row(k - 1) if k else name, *row[4:]] for k, row in enumerate(lines))
+    return "\n".join(map(",".join, cells)) + "\n"
+
+
+@pytest.mark.parametrize(("name", "bad", "good"), [
+    ("FIC101.BADPV", "1", "0"), ("FIC101.PV.IsBad", "TRUE", "FALSE"), ("FIC101.Quality", "Bad", "Good"),
+    ("FIC101.PV_STS", "0", "192")])
+def test_a_mark_of_the_loop_is_one_of_its_measurement(tmp_path, name, bad, good):
+    record = read(save(tmp_path, with_column(name, lambda k: bad if k in SPOILT else good)))["FIC101"]
+    assert set(np.flatnonzero(record.state)) == set(SPOILT) and "bad_quality" in codes(record.notes)
+
+
+@pytest.mark.parametrize(("name", "manual", "auto", "code"), [
+    ("FIC101.MAN", "TRUE", "FALSE", ""), ("FIC101.Manual", "1", "0", ""), ("FIC101.STATUS", "MANUAL", "AUTO", ""),
+    ("FIC101.MODE", "0", "1", "mode_numbers"), ("FIC101.MAN", "MAN", "AUTO", ""),
+    ("FIC101.MODE", "NR,MAN", "NR,AUT", ""), ("FIC101.MODE", "P-MAN", "P-AUTO", "")])
+def test_modes_are_known_by_name_and_by_their_words(tmp_path, name, manual, auto, code):
+    text = with_column(name, lambda k: f'"{manual if k in range(100, 300) else auto}"')
+    record = read(save(tmp_path, text))["FIC101"]
+    assert set(np.flatnonzero(record.state == SampleState.MANUAL)) == set(range(100, 300))
+    assert {c for c in codes(record.notes) if c.startswith("mode")} == {code} - {""}
+
+
+def test_decimal_commas_of_three_digits_between_commas_are_told(tmp_path):
+    text = wide(value=lambda n, v: f'"{v:.3f}"'.replace(".", ","))
+    assert "thousands" in codes(read(save(tmp_path, text)).warnings)
+    equals_the_recording(read(tmp_path / "plant.csv", options=ReadOptions(decimal=","))["FIC101"])
+
+
+def test_times_in_an_unknown_unit_are_refused_or_told(tmp_path):
+    days = wide(lambda t: f"{(t - STAMPS[0]).total_seconds() / 86400:.9f}", time_name="Time")
+    with pytest.raises(BacklashError, match="--time-format minutes, hours, days"):
+        read(save(tmp_path, days))["FIC101"]
+    record = read(tmp_path / "plant.csv", options=ReadOptions(time_format="days"))["FIC101"]
+    assert record.interval == pytest.approx(1.0, rel=1e-3)
+    counted = read(save(tmp_path, wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.0f}", time_name="Sample")))
+    assert any("are taken as seconds" in note.message for record in counted for note in record.notes)
+
+
+@pytest.mark.parametrize(("name", "east"), [("Timestamp (UTC+01:00)", 1.0), ("Time [GMT-5]", -5.0), ("Time UTC", 0.0)])
+def test_the_name_of_the_times_may_tell_their_zone(tmp_path, name, east):
+    record = read(save(tmp_path, wide(time_name=name)))["FIC101"]
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() - 3600.0 * east
+
+
+def test_measurements_of_a_laboratory_begin_behind_their_head(tmp_path):
+    head = ("LabVIEW Measurement\t\nSeparator\tTab\n***End_of_Header***\t\n\t\nChannels\t6\nX_Dimension" + "\tTime" * 6
+            + "\nX0" + "\t0.0" * 6 + "\nDelta_X" + "\t1.0" * 6 + "\n***End_of_Header***\n")
+    text = wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.6f}", delimiter="\t", time_name="X_Value", before=head,
+                tail="\t")
+    equals_the_recording(read(save(tmp_path, text, "plant.txt"))["FIC101"])
+
+
+def test_a_tar_archive_is_called_so(tmp_path):
+    held = io.BytesIO()
+    with tarfile.open(fileobj=held, mode="w") as archive:
+        for name in ("a.csv", "b.csv"):
+            entry = tarfile.TarInfo(name)
+            entry.size = len(wide().encode())
+            archive.addfile(entry, io.BytesIO(wide().encode()))
+    for name, packed_as in (("plant.csv", bytes), ("plant.csv.gz", gzip.compress)):
+        with pytest.raises(InputError, match="tar archive"):
+            read(save(tmp_path, packed_as(held.getvalue()), name))
+
+
+@pytest.mark.parametrize(("sp", "op"), [("RSP", "OP"), ("TargetSP", "WorkingOP")])
+def test_rarer_names_of_signals_are_known(tmp_path, sp, op):
+    record = read(save(tmp_path, wide(name=lambda n: n.replace("SP", sp).replace("OP", op))))["FIC101"]
+    assert np.isfinite(record.setpoint).all() and record.output is not None
