@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from .._version import __version__
 from ..errors import BacklashError, UsageError
 from ..record import Note
+from ..words import explained
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -68,9 +69,8 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
                 raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
                                  remedy="for example --scheduler tcp://host:8786") from None
             except Exception as error:
-                raise BacklashError(
-                    f"no scheduler answers: {_said(error)}", where=f"--scheduler {scheduler}", code="no_scheduler",
-                    remedy="check address and network; `dask scheduler` prints its address when it starts") from None
+                raise BacklashError(**explained("no_scheduler", problem=_said(error)),
+                                    where=f"--scheduler {scheduler}") from None
             stack.callback(client.close, timeout=5)
             _check_workers(client, scheduler, say)
         else:

@@ -15,6 +15,7 @@ from ..record import Frozen
 from ..results.history import Limit
 from ..selection import fits
 from ..toml_text import Page, checked, line_of, parsed, read_page
+from ..words import WORDS
 
 if TYPE_CHECKING:
     from ..settings import Metadata
@@ -38,10 +39,6 @@ class _OfClass(Page, frozen=True):
 
 class _Assign(_OfClass, frozen=True):
     loops: str | Annotated[list[str], msgspec.Meta(min_length=1)]
-
-
-_WORDS = {"limit": "give a number of per cent between 0 and 100, for example limit = 3.0",
-          "loops": 'give a name, a pattern, or a list of them, for example loops = ["FIC1*"]'}
 
 
 class Limits(Frozen):
@@ -90,7 +87,7 @@ def read_limits(path: str | Path | None = None) -> Limits:
 def parse_limits(text: str, where: str) -> Limits:
     """Read a limits profile from TOML text; limits in per cent of the output span."""
     def limit(entry: Any, *way: str) -> Limit:
-        found = checked(entry, _Entry, where, text, *way, words=_WORDS)
+        found = checked(entry, _Entry, where, text, *way, words=WORDS["limits_file"])
         return Limit(found.limit / 100.0, way[-1], found.source)
 
     page = checked(parsed(text, where), _Profile, where, text)
@@ -101,7 +98,7 @@ def parse_limits(text: str, where: str) -> Limits:
     limits.known(limits.default, line_of(text, where, "default"))
     assign = []
     for number, entry in enumerate(page.assign):
-        one = checked(entry, _Assign, where, text, "assign", number, words=_WORDS)
+        one = checked(entry, _Assign, where, text, "assign", number, words=WORDS["limits_file"])
         name = limits.known(one.name, line_of(text, where, "assign", number, "class"))
         assign += [(pattern, name) for pattern in ([one.loops] if isinstance(one.loops, str) else one.loops)]
     loops = {}

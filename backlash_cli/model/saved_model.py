@@ -18,7 +18,7 @@ from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
 from ..toml_text import Page, checked, line_of, parsed
-from ..words import noted
+from ..words import WORDS, noted
 from .fit import Fit, linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem, usual_output
@@ -27,18 +27,7 @@ Number = Annotated[float, msgspec.Meta(gt=-1e300, lt=1e300)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, lt=1e300)]
 Moment = datetime | Number | None
 Span = tuple[Number, Number] | None
-BASELINE = {"Kp": "static gain [PV span / OP span]", "tau": "time constant [s]", "theta": "dead time [s]",
-            "offset": "PV at no output [PV span]"}
-WORDS = {"loop": 'write loop = "FIC101"', "start": "write start = 2026-03-02T06:00:00Z",
-         "end": "write end = 2026-03-02T18:00:00Z", "pv_range": "write pv_range = [0, 100]",
-         "op_range": "write op_range = [0, 100]", "output": "write output = [0.2, 0.6]",
-         "baseline": "write [baseline] on a line of its own", "effects": "write [[effects]] on a line of its own",
-         "interval": "give one number: between samples [s]", "rmse_holdout": "give one number: error [PV span]",
-         **{key: f"give one number: {words}" for key, words in BASELINE.items()}}  # what to write instead
-# what stands behind each key of a file that is written
-REMARKS = {"start": "  # of the record it was fitted to; times of events count from here",
-           "interval": "  # between samples [s]", "output": "  # where OP was then [span]",
-           "rmse_holdout": "  # error on samples the fit did not see"}
+REMEDIES, REMARKS = WORDS["model_file"]["remedies"], WORDS["model_file"]["remarks"]
 
 
 class Baseline(Page, frozen=True):
@@ -71,11 +60,11 @@ PLAIN = [key for key in ModelPage.__struct_fields__ if key not in ("baseline", "
 def parse_model(text: str, where: str = "model file") -> Model:
     """Return the model that the text of a model file describes. Raises MetadataError with file, line and the nearest
     known names for whatever is not understood."""
-    page = checked(parsed(text, where), ModelPage, where, text, words=WORDS)
+    page = checked(parsed(text, where), ModelPage, where, text, words=REMEDIES)
     for key in ("pv_range", "op_range", "output"):
         span = getattr(page, key)
         if span is not None and not span[0] < span[1]:
-            raise MetadataError(f"{key} must rise", where=line_of(text, where, key), remedy=WORDS[key])
+            raise MetadataError(f"{key} must rise", where=line_of(text, where, key), remedy=REMEDIES[key])
     known = {key: getattr(page, key) for key in PLAIN}
     # a time without a zone is UTC
     known |= {k: (v if v.tzinfo else v.replace(tzinfo=UTC)).timestamp() for k, v in known.items()
@@ -122,7 +111,8 @@ def model_text(model: Model) -> str:
     told = {key: getattr(model, key) for key in PLAIN}
     told |= {key: datetime.fromtimestamp(round(told[key], 3), UTC) for key in ("start", "end") if told[key] is not None}
     out += [f"{key} = {_value(value)}{REMARKS.get(key, '')}" for key, value in told.items() if value is not None]
-    out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}  # {words}" for key, words in BASELINE.items())]
+    numbers = Baseline.__struct_fields__
+    out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}{REMARKS[key]}" for key in numbers)]
     for entry in model.effects:
         effect = load_effect(entry.reference)
         out += ["", f"# {_comment(effect.sentence)}", "[[effects]]", f"effect = {_value(entry.reference)}"]

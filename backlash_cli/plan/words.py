@@ -8,20 +8,12 @@ from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from ..record import LoopSettings, duration
+from ..words import WORDS
 
 if TYPE_CHECKING:
     from ..results.advice import PlanOption
     from .twin import Twin
 
-_REMEDIES = {
-    "no_output": "record OP: without it nothing tells what the valve was asked for",
-    "missing_settings": "give K and Ti of the controller in the loops file",
-    "settings_contradicted": "check K and Ti in the loops file: the record was not made with them",
-    "compressed_held": "switch exception reporting off for PV and OP of this loop, or export raw values",
-    "compressed_linear": "switch compression off for PV and OP of this loop, or export raw values",
-    "interpolated": "export raw values: too many samples of this record were interpolated",
-    "output_rounded": "record OP with more digits: its rounding hides a dead band of the target's size",
-}
 _SAMPLING = ("sampling_too_coarse", "sampling_coarse", "scanned_slowly")
 PER_TI = 10.0  # samples in an integral time that are asked for
 lasting = partial(duration, digits=2)  # as one says it
@@ -36,7 +28,7 @@ def amount(share: float, span: tuple[float, float]) -> str:
 
 def logging_words(codes: Sequence[str], settings: LoopSettings) -> list[str]:
     """What to mend before any test, a sentence for each code of a note; nothing twice."""
-    found = [_REMEDIES[code] for code in codes if code in _REMEDIES]
+    found = [WORDS["first"][code] for code in codes if code in WORDS["first"]]
     if any(code in _SAMPLING for code in codes):
         every = "at least ten times per integral time" if settings.Ti is None else \
             f"every {lasting(settings.Ti / PER_TI)} or faster"

@@ -15,6 +15,7 @@ from pyarrow import compute, csv
 
 from ..errors import BacklashError, UsageError
 from ..record import Record, SampleState
+from ..words import explained
 from .files import replacing, write_text
 from .json_report import strict
 
@@ -74,9 +75,7 @@ def _wide(records: Sequence[Record], finest: float) -> pa.Table:
     first, *others = records
     for record in others:
         if (len(record), record.interval, record.start) != (len(first), first.interval, first.start):
-            raise BacklashError(
-                f"{record.loop} and {first.loop} have different times", code="bad_metadata",
-                remedy="write them with --layout long, or give all loops the same duration, record_interval and start")
+            raise BacklashError(**explained("other_times", loop=record.loop, first=first.loop))
     signals = {f"{r.loop}.{name}": values for r in records for name, values in _signals(r, finest).items()}
     return pa.table({"timestamp": _times(first), **signals})
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..record import FloatArray, LoopSettings, Note
+from ..words import explained, noted
 from .schema import Settings
 
 SLACK = 0.05  # of a span: noise around the end of a range
@@ -25,18 +26,17 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             loop = loop.with_values(loop.source[name], **{name: given})
             if name == "op_range" and len(values) and (
                     given[0] <= values.min() < values.max() <= given[0] + TINY * (given[1] - given[0])):
-                notes.append(Note("op_tiny", f"all of OP lies in the lowest {TINY:.0%} of op_range: if it is a share "
-                                  "of 1, write op_range = [0, 1]"))
+                notes.append(noted("op_tiny", share=TINY))
             continue
         low, high = _bounds(values)
         if name == "op_range" and current:
             span = 4.0, 20.0
-            notes.append(Note("op_current", "op_range is not given: output in mA, 4..20 is taken"))
+            notes.append(noted("op_current"))
         elif low >= -SLACK and high <= 1.0 + SLACK:
             span = 0.0, 1.0
         elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
             span = 0.0, 100.0
-            notes.append(Note("op_percent", "op_range is not given: output within 0..100 is taken as percent"))
+            notes.append(noted("op_percent"))
         else:
             # from zero where the values do not come near it, else round at both ends
             span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,
@@ -45,13 +45,9 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
         loop = loop.with_values("data", **{name: span})
     if guessed and settings.loop.K is not None and not settings.engineering:
         names = " and ".join(name for name, _, _ in guessed)
-        raise LoopError(
-            f"K is given but {names} is not, and the values are not within 0..1: K has no meaning without its span",
-            remedy=f'add {names} = [low, high] to loops.toml, or units = "engineering" if K is in output units per '
-            "measurement unit", code="missing_range")
+        raise LoopError(**explained("missing_range", names=names))
     for name, low, high in guessed:
-        notes.append(Note(f"guessed_{name}", f"{name} is not given: scaled by {low:g}..{high:g}, a guess from the data",
-                          {"low": low, "high": high}))
+        notes.append(noted(f"guessed_{name}", {"low": low, "high": high}))
     if settings.engineering:
         ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
         loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None
