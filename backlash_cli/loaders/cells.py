@@ -189,5 +189,7 @@ def decimal_sign(words: list[str], decimal: str) -> str:
     words = [_BLANKS.sub("", w) for w in words]
     if both := next((w for w in words if "." in w and "," in w), ""):
         return "," if both.rfind(",") > both.rfind(".") else "."
+    if any(w.count(",") > 1 for w in words):
+        return "."
     commas = [w for w in words if re.match(r"^[+-]?\d+,\d+", w)]
     return decimal if all(re.match(r"^[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w) for w in commas) else ","

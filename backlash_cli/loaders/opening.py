@@ -298,8 +298,10 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         raise InputError(**explained(name, delimiter=options.delimiter), where=where)
     before = {lines[i][0]: cells(i) for i in range(first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
-    numbers = [c for row in (*data, *tail) for c in row if kind(c) == "number" and (delimiter != "," or "," in c)]
-    only_commas = delimiter != "," and any("," in c for c in numbers) and not any("." in c for c in numbers)
+    every = [c for row in (*data, *tail) for c in row if kind(c) == "number"]
+    commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
+    only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
+    numbers = commas if delimiter == "," else every
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
@@ -311,10 +313,8 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
-    decimal = options.decimal or decimal_sign(numbers, "," if only_commas else ".")
-    if not options.decimal and decimal == "." and any("," in c for c in numbers) and not any("." in c for c in numbers):
-        text.notes.append(noted("thousands", shown=next(c for c in numbers if "," in c)))
-    return Head(where, title if titled else stem, names, (), kinds, partition, decimal, delimiter, lines[first][0],
+    return Head(where, title if titled else stem, names, (), kinds, partition,
+                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
 
 

@@ -3,6 +3,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 
 import re
 from collections.abc import Callable, Sequence
+from datetime import timedelta, timezone, tzinfo
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -24,7 +25,7 @@ _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in W
 _NO_DATE: str = WORDS["stamps"]["no_date"]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
-_ZONE = re.compile(r"(?:UTC|GMT)\s?[+-]\d{1,2}(?::?\d{2})?")  # in the name of a column
+_ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)")  # in the name of a column
 DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
 DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
@@ -153,7 +154,9 @@ class StampReader:
         self._unit = ""  # of stamps that are numbers
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
-        self._east = _minutes_east(found[0].replace(" ", "")) if (found := _ZONE.search(self.name)) else 0
+        found = _ZONE.search(self.name)  # of stamps without an offset
+        named = timezone(timedelta(minutes=_minutes_east(found[1]))) if found else None
+        self._zone = ZoneInfo(options.timezone) if options.timezone else named
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
 
@@ -227,7 +230,7 @@ class StampReader:
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         if {True, False} <= self._zones:
             self.notes.append(noted("mixed_zones"))
-        zone = ZoneInfo(self.options.timezone) if self.options.timezone and False in self._zones else None
+        zone = self._zone if False in self._zones else None
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
@@ -235,8 +238,6 @@ class StampReader:
                 numbers, clock = _unpacked(stamps[is_open])
                 stamps = stamps.copy()
                 stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
-            if zone is None and self._zones == {False}:
-                stamps = np.where(stamps == NAT, NAT, stamps - self._east * 60 * SECOND)
             return stamps if zone is None else self._utc(stamps, zone)
 
         return resolved
@@ -247,7 +248,7 @@ class StampReader:
         doubled = noted("dst_repeated_hour", rows=self._doubled, zone=self.options.timezone)
         return (*self.notes, doubled) if self._doubled else tuple(self.notes)
 
-    def _utc(self, micros: IntArray, zone: ZoneInfo) -> IntArray:
+    def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
         known = np.flatnonzero(micros != NAT)
         if not len(known):

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ..errors import MetadataError, nearest
+from ..words import explained
 
 FORMS = ("ideal", "series", "parallel")
 RIVALS = (("K", "PB"), ("Ti", "Ki", "reset"), ("Td", "Kd"))  # keys that say the same
@@ -50,8 +51,7 @@ def number(value: Any, key: str) -> float:
     except (TypeError, ValueError, OverflowError):
         result = math.nan
     if not math.isfinite(result):
-        raise MetadataError(f"{key} must be a number, not {value!r:.60}",
-                            remedy=f"write for example {key} = 1.5 or leave it out")
+        raise MetadataError(**explained("no_number", key=key, value=repr(value)[:60]))
     return result
 
 
@@ -138,12 +138,10 @@ def _integral(values: Mapping[str, Any], gain: float | None, size: float) -> flo
     if key is None:
         return None
     if key == "reset" and not (isinstance(values[key], str) and re.search(r"[a-zA-Z]", values[key])):
-        raise MetadataError(f"reset = {values[key]!r:.60} needs its unit",
-                            remedy='write reset = "2 /min" (repeats) or "30 s" (time)')
+        raise MetadataError(**explained("no_unit", value=repr(values[key])[:60]))
     time = seconds(values[key], key)
     if time <= 0:
-        raise MetadataError(f"{key} must be positive, not {values[key]!r:.60}",
-                            remedy="give the integral time in seconds, or leave it out to have it identified")
+        raise MetadataError(**explained("not_positive", key=key, value=repr(values[key])[:60]))
     return time * size
 
 

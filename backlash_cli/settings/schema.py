@@ -11,6 +11,7 @@ from typing import Any
 from ..errors import MetadataError, nearest
 from ..record import Frozen, LoopSettings, Note
 from ..toml_text import Page, checked, line_of, parsed
+from ..words import explained
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
@@ -85,8 +86,7 @@ def parse_toml(text: str, where: str) -> Metadata:
     check_keys(page.defaults, partial(line_of, text, where, "defaults"))
     for name, values in page.loops.items():
         if not isinstance(values, dict):
-            raise MetadataError(f"'loops.{name}' must be a table", where=line_of(text, where, "loops", name),
-                                remedy=f"write it as [loops.{name}] with keys below")
+            raise MetadataError(**explained("no_table", loop=name), where=line_of(text, where, "loops", name))
         check_keys(values, partial(line_of, text, where, "loops", name))
     return with_defaults(page.loops, page.defaults, where)
 
@@ -210,8 +210,7 @@ def settings_of(values: LoopValues | None) -> Settings:
             raise MetadataError(f"{key} must not be negative, not {value:g}", remedy=f"give {key} in seconds")
     gain = number(given["Kp"], "Kp") if "Kp" in given else None
     if gain == 0:
-        raise MetadataError("Kp (static process gain) must not be zero",
-                            remedy="give the gain, or leave Kp out for the default 1.5")
+        raise MetadataError(**explained("zero_kp"))
     if gain is not None and tuning.K is not None and gain * tuning.K < 0:
         gain = -gain
         notes = (Note("kp_sign", f"Kp has the opposite sign of K, with which no loop is stable: taken as {gain:g}"),)

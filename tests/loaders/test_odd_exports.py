@@ -427,10 +427,18 @@ def test_modes_are_known_by_name_and_by_their_words(tmp_path, name, manual, auto
     assert {c for c in codes(record.notes) if c.startswith("mode")} == {code} - {""}
 
 
-def test_decimal_commas_of_three_digits_between_commas_are_told(tmp_path):
+def test_three_digits_behind_every_comma_are_decimals_also_between_commas(tmp_path):
     text = wide(value=lambda n, v: f'"{v:.3f}"'.replace(".", ","))
-    assert "thousands" in codes(read(save(tmp_path, text)).warnings)
-    equals_the_recording(read(tmp_path / "plant.csv", options=ReadOptions(decimal=","))["FIC101"])
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_two_commas_in_a_number_stand_between_thousands(tmp_path, delimiter):
+    text = wide(delimiter=delimiter, value=lambda n, v: f'"{1e4 * v:,.0f}"')
+    (tmp_path / "plant.csv").write_text(text, encoding="utf-8")
+    record = read(tmp_path / "plant.csv")["FIC101"]
+    low, high = record.settings.pv_range
+    np.testing.assert_allclose(low + record.measurement * (high - low), 1e4 * SIGNALS["FIC101.PV"], atol=0.51)
 
 
 def test_times_in_an_unknown_unit_are_refused_or_told(tmp_path):
