@@ -87,7 +87,7 @@ def day(epoch: float) -> str | None:
 def advice(report: LoopReport) -> str:
     """The compensator advice, or the first reason where there is none, in one line."""
     if report.compensator is not None:
-        return f"compensate {percent(report.compensator.gain)}, {report.compensator.scheme}"
+        return f"compensate {percent(report.compensator.gain)} by the sign of the error"
     return report.reasons[0].message if report.reasons else ""
 
 

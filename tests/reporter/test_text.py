@@ -27,7 +27,7 @@ def test_largest_dead_band_first_then_the_rest():
 def test_a_row_says_size_interval_confidence_count_and_advice():
     row = " ".join(table_rows(to_text(result(report()))))
     assert re.split(r"\s{2,}", row) == [
-        "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "compensate 2.40 %, error-sign (9)"
+        "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "compensate 2.40 % by the sign of the error"
     ]
 
 
