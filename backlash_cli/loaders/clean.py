@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import re
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,7 +27,6 @@ from .states import automatic
 CHUNK = 2_000_000  # rows of a loop that are in memory at once
 MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
 LONGEST_FILL = 60  # samples, however slow the controller
-MILLIAMPERES = re.compile(r"\bmA\b")
 
 
 class Recipe(Frozen):
@@ -147,9 +145,9 @@ class _Making:
             self.notes.append(noted("no_output"))
             output = None
         self.has_output = output is not None
+        current = any(item.tag.rstrip(")] ").endswith("mA") for item in loop.roles.get("op", ()))
         self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
-                                            [] if output is None else [output],
-                                            any(MILLIAMPERES.search(item.tag) for item in loop.roles.get("op", ())))
+                                            [] if output is None else [output], current)
         scaled, guessed = self.spans
         self.notes += guessed
         manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)

@@ -235,14 +235,15 @@ def _pairs(head: Head) -> Layout:
 
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     """Columns of quality by the columns they mark: by name, or the one before."""
+    measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
     quality: dict[int, int] = {}
     for i in values:
         tag, before = head.tags[i], i - 1
-        of_loop = [k for k in values if head.tags[k].role == "pv" and head.tags[k].loop == tag.of]
         if tag.role == "quality" and tag.of in head.names:
             quality[head.names.index(tag.of)] = i
-        elif tag.role == "quality" and of_loop and (head.marks(i) or re.search("bad|qual|valid", head.plain[i])):
-            quality[of_loop[0]] = i  # FIC101.BadPV
+        elif tag.role == "quality" and tag.of in measured and (
+                head.marks(i) or re.search("bad|qual|valid", head.plain[i])):  # FIC101.BadPV
+            quality[measured[tag.of]] = i
         elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):

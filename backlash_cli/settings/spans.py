@@ -21,13 +21,13 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
     notes: list[Note] = []
     loop, guessed = settings.loop, []
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
-        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         if given is not None:
             loop = loop.with_values(loop.source[name], **{name: given})
-            if name == "op_range" and len(values) and (
-                    given[0] <= values.min() < values.max() <= given[0] + TINY * (given[1] - given[0])):
+            if name == "op_range" and signals and (given[0] <= np.fmin.reduce(signals[0]) < np.fmax.reduce(signals[0])
+                                                   <= given[0] + TINY * (given[1] - given[0])):
                 notes.append(noted("op_tiny", share=TINY))
             continue
+        values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         low, high = _bounds(values)
         if name == "op_range" and current:
             span = 4.0, 20.0
