@@ -89,9 +89,10 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tupl
 def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
     0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus. name: MAN is 1 in manual."""
-    if _ONE_IS_MANUAL.fullmatch(name) and {word.strip().lower() for word in cells.texts()[1]} <= {
-            "0", "1", "true", "false", "on", "off"}:
-        return 1.0 - automatic(cells, further)[0], []
+    texts = [text.strip().lower() for text in cells.texts()[1]] if _ONE_IS_MANUAL.fullmatch(name) else ["auto"]
+    if not mode_words(texts):  # MAN may also be what the output is in manual
+        flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
+        return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
     numbers, codes, words = _numbers_or_words(cells, all_texts=False)
     extra, named = _named(further)
     if numbers is not None:

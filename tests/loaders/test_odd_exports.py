@@ -427,6 +427,11 @@ def test_modes_are_known_by_name_and_by_their_words(tmp_path, name, manual, auto
     assert {c for c in codes(record.notes) if c.startswith("mode")} == {code} - {""}
 
 
+def test_the_output_in_manual_is_no_mode(tmp_path):
+    record = read(save(tmp_path, with_column("FIC101.MAN", lambda k: f"{40 + k % 7}.5")))["FIC101"]
+    assert record.usable.all() and "mode_empty" in codes(record.notes)
+
+
 def test_three_digits_behind_every_comma_are_decimals_also_between_commas(tmp_path):
     text = wide(value=lambda n, v: f'"{v:.3f}"'.replace(".", ","))
     equals_the_recording(read(save(tmp_path, text))["FIC101"])
