@@ -66,8 +66,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
             try:
                 client = Client(scheduler, timeout=ANSWER, name="backlash")
             except ValueError as error:
-                raise UsageError(f"this is no address of a scheduler: {error}", where=f"--scheduler {scheduler}",
-                                 remedy="for example --scheduler tcp://host:8786") from None
+                raise UsageError(**explained("no_address", problem=error), where=f"--scheduler {scheduler}") from None
             except Exception as error:
                 raise BacklashError(**explained("no_scheduler", problem=_said(error)),
                                     where=f"--scheduler {scheduler}") from None
@@ -80,8 +79,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
                 cluster = LocalCluster(n_workers=wanted, threads_per_worker=1, processes=True, dashboard_address=None,
                                        silence_logs=logging.CRITICAL)
             except Exception as error:
-                raise BacklashError(f"no local cluster could be started: {_said(error)}", where="--engine dask",
-                                    remedy="leave --engine dask out", code="no_cluster") from error
+                raise BacklashError(**explained("no_cluster", problem=_said(error)), where="--engine dask") from error
             stack.callback(cluster.close)
             client = stack.enter_context(Client(cluster))
         ended = threading.Event()
@@ -101,8 +99,7 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
         nudge = client.submit(int, 0, pure=False)  # a cluster that adapts itself starts workers when there is work
         while not client.scheduler_info(n_workers=-1)["workers"]:
             if time.monotonic() > until:
-                raise BacklashError("the scheduler has no workers", where=where, code="no_workers",
-                                    remedy=f"start some: dask worker {scheduler}")
+                raise BacklashError(**explained("no_workers", scheduler=scheduler), where=where)
             time.sleep(0.2)
         nudge.release()
     found: dict[str, Any] = client.run(version_here, on_error="return")
@@ -192,8 +189,7 @@ def _outcome(client: Client, future: Future) -> Any:
         return future.result()
     except Exception as error:
         if client.status != "running":
-            raise BacklashError("the connection to the scheduler was lost", where="--engine dask", code="no_scheduler",
-                                remedy="start the scan again") from None
+            raise BacklashError(**explained("lost_scheduler"), where="--engine dask") from None
         return error
     finally:
         future.release()

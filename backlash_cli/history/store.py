@@ -26,7 +26,7 @@ from ..estimator.carry import Carry, unpack
 from ..record import LoopSettings, Note
 from ..results import Estimate, LoopReport, ScanResult
 from ..results.history import DAY, Night, Repair, day_of
-from ..words import WORDS
+from ..words import WORDS, explained
 from .joins import active, distinct, join
 
 PATIENCE, QUIET = 60.0, 1.0  # seconds to wait for another run before giving up, and before saying so
@@ -56,8 +56,7 @@ class History(contextlib.AbstractContextManager["History"]):
         if create:
             check_folder(self.path)
         elif not self.path.is_file():
-            raise BacklashError("there is no history at this place", where=str(path), code="no_history",
-                                remedy="make one with: backlash scan EXPORT --history FILE")
+            raise BacklashError(**explained("no_history"), where=str(path))
         with self._in_words(), contextlib.ExitStack() as opening:
             self.db = sqlite3.connect(path, timeout=QUIET, isolation_level=None)
             opening.callback(self.db.close)
@@ -296,8 +295,6 @@ def stored(row: Mapping[str, Any]) -> dict[str, Any]:
 def check_folder(path: Path) -> None:
     """Raises BacklashError where a folder has the name of a history, or where there is none that it could lie in."""
     if path.is_dir():
-        raise BacklashError("a history is a file, this is a folder", where=str(path), code="no_history",
-                            remedy="give the name of a file in it")
+        raise BacklashError(**explained("history_folder"), where=str(path))
     if not path.parent.is_dir():
-        raise BacklashError("the folder of the history does not exist", where=str(path.parent), code="no_history",
-                            remedy="make the folder first")
+        raise BacklashError(**explained("history_nowhere"), where=str(path.parent))

@@ -257,7 +257,8 @@ class Times:
 def make_grid(order: Ordered) -> Grid:
     """Find the grid of strictly increasing stamps. Raises LoopError when they are too few or too irregular."""
     if len(order.stamps) < 2:
-        raise LoopError(**explained("too_few_samples", samples=len(order.stamps)))
+        why = "".join(f"; {note.message}" for note in order.notes)
+        raise LoopError(**explained("too_few_samples", samples=len(order.stamps), why=why))
     if (apart := (order.stamps[-1] - order.stamps[0]) / (len(order.stamps) - 1)) < FINEST:
         raise LoopError(**explained("too_fine", seconds=apart / SECOND))
     grid = _plan(order.stamps).laid(order)

@@ -20,6 +20,7 @@ from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
 from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold
+from ..words import explained
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
 SHORT, FORGOTTEN = 0.25, 4.0  # integral times: holes of OP that do no harm, and after which one is forgotten
@@ -89,10 +90,9 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     """Lay a record on its grid. Raises LoopError where OP is absent, OP or PV constant, or too few samples count."""
     where = record.loop
     if record.output is None:
-        raise LoopError("no controller output (OP): the model predicts PV from OP", where=where, code="no_output",
-                        remedy="export the OP column too, or name it with op = '...' in loops.toml")
+        raise LoopError(**explained("model_no_output"), where=where)
     if len(record) == 0:
-        raise LoopError("no samples", where=where, remedy="export a longer period", code="insufficient_data")
+        raise LoopError(**explained("no_samples"), where=where)
     index = record.index - record.index[0]
     samples = int(index[-1]) + 1
 
@@ -113,13 +113,9 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     for name, signal in (("OP", output), ("PV", measurement)):
         values = signal[shown & np.isfinite(signal)]
         if values.size and np.ptp(values) <= 1e-9 * max(1.0, float(np.max(np.abs(values)))):
-            raise LoopError(f"{name} is constant ({100 * values[0]:.3g} % of span): nothing moves, so nothing can be "
-                            "learnt", where=where, code="constant_signal",
-                            remedy="export a period with setpoint changes or load upsets")
+            raise LoopError(**explained("constant_signal", signal=name, value=values[0]), where=where)
     if count < FEWEST_SAMPLES:
-        raise LoopError(f"only {count} usable samples; a model needs {FEWEST_SAMPLES}", where=where,
-                        code="insufficient_data",
-                        remedy="export a longer period, or check the quality column and the span (pv_range)")
+        raise LoopError(**explained("few_samples", count=count, least=FEWEST_SAMPLES), where=where)
     recorded = np.where(used, measurement, np.nan)
     # PV does not count where it answers to a hole of OP, unless it does so most of the time
     memory, felt = (record.settings.Ti or record.interval * samples / 60.0) / record.interval, np.zeros(samples, bool)

@@ -18,7 +18,7 @@ from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
 from ..toml_text import Page, checked, line_of, parsed
-from ..words import WORDS, noted
+from ..words import WORDS, explained, noted
 from .fit import Fit, linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem, usual_output
@@ -206,9 +206,8 @@ def shape_of(model: Model, problem: Problem) -> tuple[Shape, tuple[Part, ...]]:
             continue
         if entry.column and entry.column not in problem.columns:
             known = ", ".join(problem.columns) or "none"
-            raise LoopError(f"the model uses the measured column {entry.column}, which this record does not have",
-                            where=problem.loop, code="missing_column",
-                            remedy=f"columns here: {known}; or take {effect.name} out of the model file")
+            raise LoopError(**explained("missing_column", column=entry.column, known=known, effect=effect.name),
+                            where=problem.loop)
         values = {q.name: entry.parameters.get(q.name, () if q.many else q.neutral) for q in effect.parameters}
         if effect.fitting.linear:
             # what is told in seconds from the first sample; what ended before stays as a constant push

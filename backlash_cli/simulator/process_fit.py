@@ -23,6 +23,7 @@ from ..errors import LoopError
 from ..estimator.predictor import block_means, recording_of
 from ..kernels import play
 from ..record import FloatArray, Frozen, Record, SampleState
+from ..words import explained
 from .process import Process
 
 FEWEST = 300  # blocks
@@ -36,7 +37,6 @@ SHORTEST = 0.3  # lag in blocks; shorter ones look alike
 SHOCK = 2.5  # standard deviations beyond which a sample counts less
 SHARES = np.linspace(0.0, 1.0, 11)  # of the dead band, tried with the fitted process
 LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
-GIVE = "give the process with --process K=..,T=..,L=.."
 
 
 class Fit(Frozen, eq=False):
@@ -146,15 +146,13 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     """
     K, Ti = record.settings.K or 1.0, record.settings.Ti or 1.0
     if record.output is None:
-        raise LoopError("no controller output (OP) to fit a process to", where=record.loop, code="no_output",
-                        remedy=f"export OP too, or {GIVE}")
+        raise LoopError(**explained("fit_no_output"), where=record.loop)
     good = np.isfinite(record.measurement) & np.isfinite(record.output)
     good &= (record.state != SampleState.MISSING) & (record.state != SampleState.IMPLAUSIBLE)
     per = max(1, round(Ti / (PER_INTEGRAL_TIME * record.interval)))
     if np.count_nonzero(good) < FEWEST * per:
-        raise LoopError(f"the record is too short to fit a process: {np.count_nonzero(good) * record.interval:.3g} s "
-                        f"can be used, {FEWEST * per * record.interval:.3g} s are needed", where=record.loop,
-                        remedy=f"export a longer period, or {GIVE}", code="insufficient_data")
+        usable, needed = np.count_nonzero(good) * record.interval, FEWEST * per * record.interval
+        raise LoopError(**explained("fit_too_short", usable=usable, needed=needed), where=record.loop)
     grid = recording_of(record.index, record.output, record.measurement, good)
     whole = block_means(grid.usable.astype(float), per) == 1.0
     joined = whole & np.append(False, whole[:-1])
@@ -165,8 +163,7 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     fit = Fit(stem(d), block_means(grid.measurement, per), joined, per * record.interval, Ti, np.sign(K), known_gain,
               np.eye(1, ORDER + 1)[0])
     if np.ptp(fit.x) <= 1e-9:
-        raise LoopError("the output never crosses the dead band", where=record.loop, code="constant_signal",
-                        remedy="export a period with setpoint changes or load upsets, or give the process")
+        raise LoopError(**explained("fit_uncrossed"), where=record.loop)
     for _ in range(3):
         best = fit.search()
         fit = fit.whitened_by(best)
@@ -174,13 +171,10 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     best = fit.refine(best)
     evidence, gain, _ = fit.match(best)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
-        raise LoopError("the measurement does not answer to the output: no process can be fitted", where=record.loop,
-                        remedy=GIVE, code="no_process")
+        raise LoopError(**explained("no_process"), where=record.loop)
     lag, second, delay = best.tolist()
     if integrates and not integrating:
-        raise LoopError("the process looks integrating: only the ratio of gain to lag can be seen", where=record.loop,
-                        remedy="integrating loops with dead band oscillate; compensation is not advised. Otherwise "
-                        f"{GIVE}", code="integrating")
+        raise LoopError(**explained("fit_integrating"), where=record.loop)
     lags = tuple(time for time in (0.0 if integrates else lag, second) if time > 0.0)
     profile = tuple((share * d, replace(fit, x=stem(share * d)).match(best)[0]) for share in SHARES.tolist())
     return Process(gain / lag if integrates else gain, lags, delay, integrates, source="fitted", evidence=evidence,

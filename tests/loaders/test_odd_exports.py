@@ -206,6 +206,12 @@ def test_a_record_of_one_sample_is_too_short(tmp_path):
         read(save(tmp_path, "\n".join(wide().splitlines()[:2]) + "\n"))
 
 
+def test_a_date_in_the_first_row_only_leaves_one_sample_and_says_why(tmp_path):
+    text = wide(lambda t: f"{t:%Y-%m-%d,%H:%M:%S}" if t == STAMPS[0] else f",{t:%H:%M:%S}", time_name="Date,Time")
+    with pytest.raises(BacklashError, match=f"only 1 sample.*{ROWS - 1} rows without a readable time stamp"):
+        read(save(tmp_path, text))["FIC101"]
+
+
 def test_a_folder_without_data_names_what_is_there(tmp_path):
     (tmp_path / "x").mkdir()
     with pytest.raises(InputError, match="it is empty"):
