@@ -211,10 +211,7 @@ def _confirmation(s: Study) -> Confirmation:
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
-    # OP turned between two samples, further out than recorded, where so coarse a record is sure to be slower
-    # than the controller: the dead band looks narrower by about half a step of OP at either end
-    steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
-    unseen = float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
+    unseen = _unseen_motion(s)
     d, high = d + unseen, high + 2.0 * unseen
     details: dict[str, float | str] = {
         "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
@@ -225,6 +222,13 @@ def _confirmation(s: Study) -> Confirmation:
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }
     return confirmation(d, (low, high), float(of.error_reduction[at]), limit, details, grid, answer)
+
+
+def _unseen_motion(s: Study) -> float:
+    """How much narrower [%] a dead band looks: OP turned between two samples, about half a step further out than
+    recorded at either end, where so coarse a record is sure to be slower than the controller."""
+    steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
+    return float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
 
 
 def _explained(tests: Sequence[GapTest]) -> FloatArray:
