@@ -2,15 +2,16 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli import scanning
+from backlash_cli import read, scanning
 from backlash_cli.estimator.identify import identify, with_constant_setpoint
-from backlash_cli.record import LoopSettings, Note, SampleState
+from backlash_cli.record import LoopSettings, Note, SampleState, record_from_arrays
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import LoopScanner, ScanOptions, scan
 from tests.benchmarks.random_loops import draw
@@ -134,3 +135,14 @@ def test_a_setpoint_that_is_assumed_early_holds_for_what_follows(monkeypatch):
     level = with_constant_setpoint(bare.slice(0, len(bare) - 2000)).setpoint[0]
     held = scan(replace(bare, setpoint=np.full(len(bare), level), settings=report.settings))
     assert held.half_periods == report.half_periods > 0
+
+
+def test_a_record_of_few_samples_per_integral_time_clears_no_valve():
+    """Every 60th second of FIC105 (2.5 % of play, Ti 20 s), which was cleared below 1.5 %."""
+    record = read(Path(__file__).parents[1] / "sample_data" / "plant.csv")["FIC105"]
+    for first in (0, 40):
+        kept = slice(first, None, 60)
+        thin = record_from_arrays(record.setpoint[kept], record.measurement[kept], record.output[kept], interval=60.0,
+                                  settings=record.settings)
+        found = scan(thin)
+        assert found.verdict is Verdict.CANNOT_TELL and found.reasons[0].code == "sampling_too_coarse"

@@ -18,6 +18,7 @@ ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
 HEALTHY = 0.92  # of the strange loops that were cleared
 LIMITED = "limits"
+COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
@@ -197,10 +198,11 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     if c.details["trace"]:
         trace = noted("not_separable", {"d": c.d, "evidence": float(c.details["evidence"])})
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
-    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED):
+    coarse = tuple(note for note in f.quality if note.code in COARSE)
+    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or any(n.code == COARSE[0] for n in coarse):
         values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")
         few = noted("little_information", {"output_range": span, **values}, what=what)
-        return Decision(Verdict.CANNOT_TELL, (few, *limits), 0.0, None)
+        return Decision(Verdict.CANNOT_TELL, (*coarse, few, *limits), 0.0, None)
     seen = noted("limit_of_detection", {"limit": limit})
     others = () if f.tight is None else (noted("half_periods_only", {"published": f.tight.d}, n=f.tight.n),)
     return Decision(Verdict.NO_BACKLASH, (none, seen, *others, *limits), 0.6 if limits else HEALTHY,
