@@ -27,7 +27,9 @@ Number = Annotated[float, msgspec.Meta(gt=-1e300, lt=1e300)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0, lt=1e300)]
 Moment = datetime | Number | None
 Span = tuple[Number, Number] | None
-REMEDIES, REMARKS = WORDS["model_file"]["remedies"], WORDS["model_file"]["remarks"]
+KEYS = WORDS["model_file"]
+REMEDIES = KEYS["remedies"] | {key: f"give one number: {words}" for key, words in KEYS["numbers"].items()}
+REMARKS = KEYS["remarks"] | {key: f"  # {words}" for key, words in KEYS["numbers"].items()}
 
 
 class Baseline(Page, frozen=True):

@@ -36,6 +36,7 @@ INTEGRATING = 0.8 * LAGS[-1]  # lag in integral times from which on only the rat
 SHORTEST = 0.3  # lag in blocks; shorter ones look alike
 SHOCK = 2.5  # standard deviations beyond which a sample counts less
 SHARES = np.linspace(0.0, 1.0, 11)  # of the dead band, tried with the fitted process
+GIVE = "give the process with --process K=..,T=..,L=.."
 LEAST_EVIDENCE = 10.0  # fall of -2 log likelihood below which OP is not seen in PV at all
 
 
@@ -146,13 +147,13 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     """
     K, Ti = record.settings.K or 1.0, record.settings.Ti or 1.0
     if record.output is None:
-        raise LoopError(**explained("fit_no_output"), where=record.loop)
+        raise LoopError(**explained("fit_no_output", give=GIVE), where=record.loop)
     good = np.isfinite(record.measurement) & np.isfinite(record.output)
     good &= (record.state != SampleState.MISSING) & (record.state != SampleState.IMPLAUSIBLE)
     per = max(1, round(Ti / (PER_INTEGRAL_TIME * record.interval)))
     if np.count_nonzero(good) < FEWEST * per:
         usable, needed = np.count_nonzero(good) * record.interval, FEWEST * per * record.interval
-        raise LoopError(**explained("fit_too_short", usable=usable, needed=needed), where=record.loop)
+        raise LoopError(**explained("fit_too_short", usable=usable, needed=needed, give=GIVE), where=record.loop)
     grid = recording_of(record.index, record.output, record.measurement, good)
     whole = block_means(grid.usable.astype(float), per) == 1.0
     joined = whole & np.append(False, whole[:-1])
@@ -171,10 +172,10 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
     best = fit.refine(best)
     evidence, gain, _ = fit.match(best)
     if gain == 0.0 or evidence < LEAST_EVIDENCE:
-        raise LoopError(**explained("no_process"), where=record.loop)
+        raise LoopError(**explained("no_process", give=GIVE), where=record.loop)
     lag, second, delay = best.tolist()
     if integrates and not integrating:
-        raise LoopError(**explained("fit_integrating"), where=record.loop)
+        raise LoopError(**explained("fit_integrating", give=GIVE), where=record.loop)
     lags = tuple(time for time in (0.0 if integrates else lag, second) if time > 0.0)
     profile = tuple((share * d, replace(fit, x=stem(share * d)).match(best)[0]) for share in SHARES.tolist())
     return Process(gain / lag if integrates else gain, lags, delay, integrates, source="fitted", evidence=evidence,
