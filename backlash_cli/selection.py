@@ -1,17 +1,22 @@
-"""Which loops of a plant are wanted: names, wildcards, expressions, a sample."""
+"""Which loops of a plant are wanted, and from when on: names, wildcards, expressions, a sample; a moment or an age."""
 
+import contextlib
 import hashlib
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
 from functools import lru_cache
+from zoneinfo import ZoneInfo
 
 from .errors import UsageError, nearest, some
 from .record import Note
 from .words import explained, noted
 
 LOOP_OPTIONS = "--loop, --loops-matching"
+_UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
+_AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
 
 def sample_size(text: str, loops: int) -> int:
@@ -69,3 +74,19 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
         notes.append(noted("sampled", {"loops": float(left), "seed": float(seed), "drawn": ", ".join(drawn)},
                            count=len(drawn), of=len(fitting), sample=sample, names=some(drawn)))
     return drawn, notes
+
+
+def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:
+    """Return (moment, age) in microseconds: "2026-11-01T06:00+01:00" is a moment since 1970 UTC (in `timezone` without
+    offset), "3d" (s, min, h, d, w) an age, back from the last stamp; the moment is None then. Raises UsageError."""
+    if age := _AGE.fullmatch(text):
+        length = float(age[1]) * _UNITS[age[2]]
+        if 0 < length < 1e10:
+            return None, round(length * 1e6)
+    else:
+        with contextlib.suppress(ValueError, OverflowError):
+            moment = datetime.fromisoformat(text.strip())
+            if moment.tzinfo is None:
+                moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
+            return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 0
+    raise UsageError(**explained("since", text=text), where="--since")

@@ -78,7 +78,7 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     of_file = np.searchsorted(parts, rows, side="right")
     files_differ = bool(np.any(differ & (np.diff(of_file)[repeats] != 0)))
     coarse = len(repeats) and differ.mean() > 0.5 and not files_differ and not len(back)
-    spread = _spread_evenly(stamps) if coarse else None
+    spread = _spread_evenly(stamps, values) if coarse else None
     if spread is not None:
         notes.append(noted("coarse_stamps"))
         stamps = spread
@@ -130,8 +130,9 @@ def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool
         return (np.abs(a - b) > 0.002 * scale) & np.isfinite(a) & np.isfinite(b)
 
 
-def _spread_evenly(stamps: IntArray) -> IntArray | None:
-    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady."""
+def _spread_evenly(stamps: IntArray, values: FloatArray) -> IntArray | None:
+    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady
+    and they are no values of several sources in turn."""
     unique, counts = np.unique(stamps, return_counts=True)
     if len(unique) < 4:
         return None
@@ -140,6 +141,9 @@ def _spread_evenly(stamps: IntArray) -> IntArray | None:
     steady = np.mean(np.abs(inner - usual) <= 1) >= 0.95 and np.mean(steps == width) >= 0.9
     whole = width in (SECOND // 1000, SECOND // 100, SECOND // 10, SECOND, 60 * SECOND, HOUR)  # what stamps are cut to
     if not (whole and 2 <= usual <= width and steady) or counts.max() > usual + 1:
+        return None
+    of_one, of_next = (np.nanmedian(np.abs(values[lag:] - values[:-lag])) for lag in (usual, 1))
+    if of_one < 0.25 * of_next:
         return None
     rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = np.where(np.abs(counts - usual) <= 1, counts, usual)

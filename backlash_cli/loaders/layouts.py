@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from ..errors import InputError, some
 from ..record import Frozen
-from .cells import codes_and_words, is_number, is_text
+from .cells import codes_and_words, is_number, is_text, stored
 from .names import (
     COLUMNS,
     SIGNALS,
@@ -27,7 +27,7 @@ from .names import (
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
-from .times import DATE, DATES, OF_DAY, is_midnight, unit_of_day
+from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
@@ -68,9 +68,12 @@ class Head(Frozen):
         found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
             self.columns[i].type) and (self.is_time(i) or (called[i] and i in self.numbers))] or [
                 i for i, name in enumerate(self.names) if is_time_name(name)][:1]
-        if not found and self.columns and is_number(self.columns[0].type) and not self.tags[0].role:
-            begin = self.columns[0].slice(0, 200).cast(pa.float64(), safe=False).to_numpy()
-            found = [0] if len(begin) > 1 and bool(np.all(np.diff(begin) > 0)) else []
+        if not found:  # a column that goes on, or back, may count since 1970; one that stands first may count anything
+            begun = {i: stored(self.columns[i].slice(0, 200), {})[0] for i in self.numbers if not self.tags[i].role}
+            steps = {i: np.diff(values) for i, values in begun.items() if len(values) > 1}
+            found = [i for i, step in steps.items() if not self.tags[i].loop and (np.all(step > 0) or np.all(step < 0))
+                     and unit_of(begun[i], "").startswith("epoch")][:1] or [
+                         i for i, step in steps.items() if i == 0 and np.all(step > 0)]
         return sorted({*found, *self.parts}) if "year" in self.parts.values() else found
 
     @cached_property

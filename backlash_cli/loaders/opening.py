@@ -371,15 +371,16 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
     rows = [cells for cells in rows if _spans(cells, width)]
-    commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in rows if COMMENT.match(cells[0])][-1:]
-    rows = [cells for cells in rows if not COMMENT.match(cells[0])] or [row for row in commented if score_names(row)]
+    notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
+    commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
+    rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
     if not rows:
         raise InputError(**explained("no_header"), where=where)
     # one cell too few: nothing stands above row numbers, or above the time of day
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
             [*row[:unnamed], "", *row[unnamed:]] for row in rows[-8:]]
-    best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), i))
+    best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), len(list(filter(None, rows[i]))), i))
     if "number" in kinds[len(rows[best]) :] and any(rows[best][1::2]):  # a tag above each time has nothing beside it
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]

@@ -1,20 +1,14 @@
 """What a user may say about an export when the file itself does not say it clearly."""
 
-import contextlib
-import re
-from datetime import UTC, datetime, timedelta
 from zoneinfo import ZoneInfo, available_timezones
 
 from ..errors import UsageError, nearest
 from ..record import Frozen
-from ..selection import check_pattern, sample_size
-from .grid import SECOND
+from ..selection import check_pattern, parse_since, sample_size
 from .names import explained
 
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds",
               "millis", "minutes", "hours", "days")
-_UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
-_AGE = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(s|min|h|d|w)\s*")
 
 
 class ReadOptions(Frozen):
@@ -68,9 +62,9 @@ class ReadOptions(Frozen):
             try:
                 ZoneInfo(self.timezone)
             except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
-                hint = nearest(self.timezone, sorted(available_timezones()))
-                remedy = hint if hint.startswith("did") else "for example Europe/Berlin, America/Chicago or UTC"
-                raise UsageError(f"no time zone {self.timezone!r}", where="--timezone", remedy=remedy) from None
+                hint = nearest(self.timezone, [z for z in available_timezones() if "/" in z and z[:4] != "Etc/"])
+                hint = f"{hint} Or " if hint.startswith("did") else ""
+                raise UsageError(**explained("timezone", text=self.timezone, hint=hint), where="--timezone") from None
         if self.header_row is not None and self.header_row < 1:
             raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
         for pattern in self.loops_matching:
@@ -79,19 +73,3 @@ class ReadOptions(Frozen):
             sample_size(self.sample, 1)
         if self.since is not None:
             parse_since(self.since, self.timezone)
-
-
-def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int]:
-    """Return (moment, age) in microseconds: "2026-11-01T06:00+01:00" is a moment since 1970 UTC (in `timezone` without
-    offset), "3d" (s, min, h, d, w) an age, back from the last stamp; the moment is None then. Raises UsageError."""
-    if age := _AGE.fullmatch(text):
-        length = float(age[1]) * _UNITS[age[2]]
-        if 0 < length < 1e10:
-            return None, round(length * SECOND)
-    else:
-        with contextlib.suppress(ValueError, OverflowError):
-            moment = datetime.fromisoformat(text.strip())
-            if moment.tzinfo is None:
-                moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
-            return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 0
-    raise UsageError(**explained("since", text=text), where="--since")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -16,12 +15,12 @@ from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, some
 from ..record import Frozen, Note, Record, failure, utc_text
-from ..selection import choose, fits
+from ..selection import choose, fits, parse_since
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
 from .names import explained, noted
-from .options import ReadOptions, parse_since
+from .options import ReadOptions
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
@@ -103,11 +102,10 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
     inputs: tuple[str, ...] = ()
 
     def __getitem__(self, loop: str) -> Record:
-        for recipe in self.recipes:
-            if recipe.loop == loop:
-                with contextlib.suppress(BacklashError):
-                    return recipe.record()
-        raise KeyError(loop)
+        try:
+            return {recipe.loop: recipe for recipe in self.recipes}[loop].record()
+        except BacklashError:
+            raise KeyError(loop) from None
 
     def __contains__(self, loop: object) -> bool:
         return loop in [*self]
@@ -160,9 +158,12 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         raise InputError(**explained("no_loop", tags=some(tags, 12)), where=str(sources[0].path))
     # an indicator, or a column with a chance name
     single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
-    if 0 < len(single) < len(all_loops):
-        warnings.append(noted("single_signals", count=len(single), names=some(single, 5)))
-    names, notes = choose(all_loops.keys() - single or single, options.only_loops, options.loops_matching,
+    complete = all_loops.keys() - single or {*single}
+    used = {one.tag for name in complete for kind in (all_loops[name].roles, all_loops[name].extra)
+            for found in kind.values() for one in found}
+    if spare := sorted({one.tag for one in series} - used):
+        warnings.append(noted("single_signals", count=len(spare), names=some(spare, 5)))
+    names, notes = choose(complete, options.only_loops, options.loops_matching,
                           options.sample, options.sample_seed)
     wanted, moment = {name: all_loops[name] for name in names}, None
     warnings += notes

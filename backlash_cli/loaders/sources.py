@@ -216,7 +216,7 @@ def is_export(name: str) -> bool:
     """Say whether a file name has the ending of an export and is no sidecar."""
     found = _FILE.fullmatch(name)
     return bool(found and found["kind"]) and not name.startswith((".", "_", "~$")) and not re.search(
-        r"(?:^|\.)loops\.csv(?:\.\w+)?$", name, re.IGNORECASE)
+        r"(?:^|\.)(?:loops|truth)\.csv(?:\.\w+)?$", name, re.IGNORECASE)
 
 
 def stem_of(path: Path | Remote) -> str:

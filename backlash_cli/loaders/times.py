@@ -352,7 +352,7 @@ class StampReader:
         if not len(known):
             return np.full(len(values), NAT)
         if not self._unit:
-            self._unit = self.form or _unit_of(known, self.name)
+            self._unit = self.form or unit_of(known, self.name)
             if self._unit not in _UNITS and self._unit != "digits":
                 raise InputError(**explained("number_stamps", column=self.name, unit=self._unit), where=self.where)
             if self._unit == "excel":
@@ -382,7 +382,7 @@ def _of_digits(values: FloatArray) -> FloatArray:
 
 def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
     """Return what numbers in a column of times of day are: HHMMSS, HHMM, parts of a day, what the name says, or ""."""
-    values, unit = stored(column, {})[0], _unit_of(np.zeros(1), name)
+    values, unit = stored(column, {})[0], unit_of(np.zeros(1), name)
     known = values[np.isfinite(values)].clip(-LIMIT, LIMIT)
     form = plain(name) if plain(name) in _DIGITS else "days" if np.max(known, initial=0.0) <= 1.0 else (
         "hhmm" if known.max() < 2400 else "hhmmss")
@@ -402,7 +402,7 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
     return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
 
 
-def _unit_of(known: FloatArray, name: str) -> str:
+def unit_of(known: FloatArray, name: str) -> str:
     """What numeric stamps count: told from their size, their steps and the name of the column."""
     if any(known.min() >= size and known.max() < 1.16 * size for size in (1.9e13, 1.9e11)) and not np.any(known % 1):
         return "digits"  # 20260317080000 or 202603170800

@@ -492,3 +492,37 @@ def test_a_tar_archive_is_called_so(tmp_path):
 def test_rarer_names_of_signals_are_known(tmp_path, sp, op):
     record = read(save(tmp_path, wide(name=lambda n: n.replace("SP", sp).replace("OP", op))))["FIC101"]
     assert np.isfinite(record.setpoint).all() and record.output is not None
+
+
+def numbered(text: str, *, newest_first: bool = False) -> str:
+    """Give every row of a table its number, below "#"."""
+    head, *rows = text.splitlines()
+    rows = rows[::-1] if newest_first else rows
+    return "\n".join([f"#,{head}", *(f"{k},{row}" for k, row in enumerate(rows, 1))]) + "\n"
+
+
+@pytest.mark.parametrize("newest_first", [False, True])
+@pytest.mark.parametrize("factor", [1, 1000])
+def test_times_counted_since_1970_need_no_name_that_is_known(tmp_path, factor, newest_first):
+    text = wide(lambda t: f"{factor * t.replace(tzinfo=dt.UTC).timestamp():.0f}", time_name="Klukkan")
+    equals_the_recording(read(save(tmp_path, numbered(text, newest_first=newest_first)))["FIC101"])
+
+
+def test_a_header_that_begins_with_a_hash_over_row_numbers_is_no_comment(tmp_path):
+    head, *rows = numbered(wide()).splitlines()
+    below = ",," + ",".join(f"{name.replace('.', ' ')} of unit 3" for name in SIGNALS)
+    equals_the_recording(read(save(tmp_path, "\n".join([head, below, *rows]) + "\n"))["FIC101"])
+
+
+def test_descriptions_below_tags_are_no_header(tmp_path):
+    words = {"SP": "setpoint", "PV": "measured value", "OP": "output"}
+    below = "," + ",".join(f"{'Feed water' if name < 'G' else 'Steam'} {words[name[7:]]}" for name in SIGNALS)
+    head, *rows = wide(time_name="Klukkan").splitlines()
+    equals_the_recording(read(save(tmp_path, "\n".join([head, below, *rows]) + "\n"))["FIC101"])
+
+
+def test_two_sources_of_one_tag_in_turn_are_refused(tmp_path):
+    rows = [f"{name},{iso(stamp)},{value:.3f}" for name, values in SIGNALS.items()
+            for stamp, first in zip(STAMPS, values, strict=True) for value in (first, 1.7 * first)]
+    with pytest.raises(BacklashError, match="of two sources of a tag leave one out"):
+        read(save(tmp_path, "tag,time,value\n" + "\n".join(rows) + "\n"))["FIC101"]

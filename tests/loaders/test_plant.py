@@ -491,10 +491,11 @@ def test_a_special_file_is_no_export(tmp_path):
 
 
 def test_tags_that_are_no_loops_are_left_out(tmp_path):
-    lines = [f"{line},{'TI7.PV,Pump OUT' if i == 0 else '5,6'}" for i, line in enumerate(wide().splitlines())]
+    lines = [f"{line},{'TI7.PV,Pump OUT,TI4711' if i == 0 else '5,6,7'}" for i, line in enumerate(wide().splitlines())]
     plant = read(save(tmp_path, "\n".join(lines) + "\n"))
     assert {r.loop for r in plant} == {"FIC101", "PIC303"} and not plant.failures
-    assert "single_signals" in codes(plant.warnings)
+    (warning,) = [note for note in plant.warnings if note.code == "single_signals"]
+    assert all(tag in warning.message for tag in ("TI7.PV", "Pump OUT", "TI4711"))
 
 
 def test_names_in_the_data_that_contain_a_loop_of_the_metadata(tmp_path):
@@ -536,6 +537,8 @@ def test_a_loop_without_a_setpoint_is_not_judged_by_half_periods(tmp_path):
     ("options", "says"),
     [
         ({"timezone": "Mars/X"}, "for example Europe/Berlin"),
+        ({"timezone": "Europe/Berlim"}, "did you mean Europe/Berlin"),
+        ({"timezone": "CET+1"}, "^write for example .* one hour east of UTC all year Etc/GMT-1"),
         ({"time_format": "qqq"}, "one of: iso, ymd"),
         ({"decimal": "x"}, r"one of: \.  ,"),
     ],

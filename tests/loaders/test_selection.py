@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.errors import BacklashError, InputError, UsageError
 from backlash_cli.loaders import ReadOptions, read
-from backlash_cli.loaders.options import parse_since
-from backlash_cli.selection import choose, sample_size
+from backlash_cli.selection import choose, parse_since, sample_size
 from tests.small_plant import write_plant
 
 NAMES = [f"FIC{k}" for k in range(100, 140)] + [f"TIC{k}" for k in range(200, 210)]
@@ -128,3 +127,9 @@ def test_a_date_does_not_fit_times_from_an_unknown_start(tmp_path):
     with pytest.raises(BacklashError, match="the data end at 1970-01-01"):
         read(tmp_path / "a.csv", options=ReadOptions(since="2026-01-01"))
     assert len(read(tmp_path / "a.csv", options=ReadOptions(since="100s"))["a"]) == 101
+
+
+def test_the_truth_beside_simulated_recordings_is_no_export(tmp_path):
+    data = write_plant(tmp_path, hours=0.5)
+    data.with_name("plant.truth.csv").write_text("loop,dead_band\nFIC101,0.03\n", encoding="utf-8")
+    assert not read(tmp_path).failures
