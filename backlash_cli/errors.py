@@ -60,4 +60,5 @@ def nearest(name: str, known: Iterable[object]) -> str:
 
 def some(words: Sequence[str], most: int = 8) -> str:
     """Return the first of some words, shortened, to be shown in a message."""
-    return ", ".join(word.strip()[:40] or "(blank)" for word in words[:most]) + ", ..." * (len(words) > most)
+    shown = ", ".join(word.strip()[:40] or "(blank)" for word in words[:most])
+    return f"{shown} and {len(words) - most} more" if len(words) > most else shown

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from ..reporter.safe import counted
-from .options import command
-from .terminal import put, say
+from .options import TEXT_OR_JSON, command
+from .terminal import put, refusal, say
 
 if TYPE_CHECKING:
     from ..history.limits import Limits
@@ -41,10 +41,12 @@ def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: 
 
 
 @command
-def trend(form: str, output: Path | None, verbose: bool, **wear: Any) -> None:
+def trend(form: str | None, output: Path | None, verbose: bool, **wear: Any) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first."""
+    from ..reporter.files import form_of
     from ..reporter.history_report import trend as trend_report
 
+    form = form or form_of(output, TEXT_OR_JSON)
     with worn_plant(**wear) as (places, _):
         found = trend_report(places)
         put(output, found.json() if form == "json" else found.text(verbose=verbose))
@@ -79,13 +81,15 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
 
     path = db or named
     if path is None:
-        raise UsageError("which history?", remedy="name its file: backlash history backlash.db")
+        raise refusal(UsageError, "which_history")
     if target is None and table is not None:
         raise UsageError(f"--table {table}: tables go to a file", remedy=f"add --export {table}.csv")
     with History(path, say=say) as store:
         names = chosen(store, loop)
         if repair:
             pattern, date, note = repair
+            if moment_of(date) > datetime.now(UTC).timestamp():
+                raise refusal(UsageError, "repair_ahead", "--repair", date=date)
             for name in chosen(store, [pattern]):
                 new = store.mark_repair(name, moment_of(date), note)
                 say(f"repair of {name} on {date} {'entered' if new else 'was already entered'}: {note}")
@@ -93,8 +97,7 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             name, date = remove_repair
             if not store.remove_repair(name, moment_of(date)):
                 days = ", ".join(day_of(r.time) for r in store.repairs(name)) or "none"
-                raise UsageError(f"no repair of {name} is entered on {date}", where=str(path),
-                                 remedy=f"entered are: {days}")
+                raise refusal(UsageError, "no_repair", path, loop=name, date=date, days=days)
             say(f"repair of {name} on {date} taken back")
         if target is not None:
             from ..reporter.tables import history_rows, write_rows

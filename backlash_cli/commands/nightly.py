@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import __version__
-from ..errors import BacklashError, InputError
+from ..errors import BacklashError, InputError, some
 from ..reporter.safe import counted, terminal
 from .history import read_profile
 from .options import Export, command
 from .scan import Job, kept, undated
-from .terminal import emit, say
+from .terminal import emit, refusal, say
 
 if TYPE_CHECKING:
     from ..history.nightly import DatedExport, NightlyConfig
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
+OLDER = "older than look_back"  # and not in the history
 
 Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
@@ -43,25 +44,23 @@ def nightly(config: Path, check: bool) -> int:
     from ..reporter.scan_report import met, parse_rules
 
     settings = read_config(config)
-    if check:
-        found, missing = _exports(settings)
-        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in found]
-        emit("".join([*lines, *(f"{day}: missing\n" for day in missing)]))
-        return 0
+    limits = read_profile(settings.limits, settings.loops)
+    rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
     done: Done = defaultdict(list)
+    if check:
+        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in _exports(settings, done)]
+        emit("".join([*lines, *(f"{day}: {word}\n" for word in (OLDER, "missing") for day in done[word])]))
+        return 0
     outputs = settings.outputs
     with open_log(settings.log.file, settings.log.format) as log:
-        limits = read_profile(settings.limits, settings.loops)
-        rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
         with lock(settings.lock) as stale:
             if stale:
                 log(stale, "warning")
-            found, done["missing"] = _exports(settings)
+            found = _exports(settings, done)
             with History(settings.history, create=True, say=lambda text: log(text, "warning")) as store:
                 newest = _scan_all(settings, found, store, log, done)
                 if not done["scanned"] + done["known"]:
-                    raise InputError(f"none of {len(found)} exports could be read", where=str(config),
-                                     remedy="see the log for the reason of each")
+                    raise refusal(InputError, "no_export_read", config, count=len(found))
                 places = plant_history(store, limits, horizon=settings.horizon)
                 for path in filter(None, (outputs.report, outputs.trend)):
                     path.parent.mkdir(parents=True, exist_ok=True)
@@ -70,8 +69,9 @@ def nightly(config: Path, check: bool) -> int:
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
                     write_text(outputs.trend, trend(places).json())
-        for day in done["missing"]:
-            log("missing", "warning", night=day)
+        for word in (OLDER, "missing"):
+            for day in done[word]:
+                log(word, "warning", night=day)
         hits = met(rules, newest.loops) if newest else []
         hits += [p.loop for p in places if p.action == PULL and PULL in settings.fail_on]
         done["alarm"] = sorted(set(hits))
@@ -95,8 +95,7 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
                 path.replace(path.with_name(path.name + ".1"))
             stream = path.open("a", 1, encoding="utf-8", errors="backslashreplace")
         except OSError as error:
-            raise BacklashError(f"cannot write the log: {error.strerror}", where=str(path), code="cannot_write",
-                                remedy="check `log.file` in the configuration") from None
+            raise refusal(BacklashError, "log_file", path, problem=error.strerror) from None
 
     def log(event: str, level: str = "info", **values: object) -> None:
         now = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
@@ -112,16 +111,16 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
         yield log
 
 
-def _exports(config: NightlyConfig) -> tuple[list[DatedExport], list[str]]:
-    """Return the exports and the days for which there is none."""
+def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
+    """Return the exports; note in `done` the days for which there is none, and those too old to be looked at."""
     from ..history.nightly import find_exports
     from ..results.history import missing_days
 
-    found = find_exports(config.inputs, together=config.together, look_back=config.look_back)
+    found, done[OLDER] = find_exports(config.inputs, together=config.together, look_back=config.look_back)
     if not found:
-        raise InputError("no export fits the patterns", where=f"{config.path}, inputs",
-                         remedy=f"check them: {', '.join(config.inputs)}")
-    return found, missing_days(e.name for e in found if e.date)
+        raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
+    done["missing"] = missing_days(e.name for e in found if e.date)
+    return found
 
 
 def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done
@@ -134,6 +133,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
 
     scan: ScanResult | None = None
     before, known = f"{config.path.stem}:", store.exports()
+    done[OLDER] = [name for name in done[OLDER] if before + name not in known]
     newest = max((e.date for e in found if e.date and before + e.name in known), default=None)
     for export in found:
         name, key = export.name, before + export.name
@@ -189,17 +189,14 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
 def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
     from ..reporter.words import TO_DO, day
 
-    def names(found: Sequence[str]) -> str:
-        return ", ".join(found[:5]) + (f" and {len(found) - 5} more" if len(found) > 5 else "")
-
     last = max((n.end for p in places for n in p.wear.nights), default=None)
     nights = ", ".join(f"{len(done[word])} {said}" for word, said in (
         ("new", "new"), ("revised", "revised"), ("unchanged", "known")) if done[word]) or "none"
     said = {TO_DO[action]: [p.loop for p in places if p.action == action] for action in (PULL, "room", "watch")}
-    said |= {word: done[word] for word in ("late", "missing", "failed", "alarm")}
+    said |= {word: done[word] for word in ("late", OLDER, "missing", "failed", "alarm")}
     parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(places), 'loop')}",
-             f"scanned {names(done['scanned'])} (loop nights: {nights})" if done["scanned"]
+             f"scanned {some(done['scanned'], 5)} (loop nights: {nights})" if done["scanned"]
              else f"nothing new ({len(done['known'])} known)",
-             *(f"{words} {names(found)}" for words, found in said.items() if found)]
+             *(f"{words} {some(found, 5)}" for words, found in said.items() if found)]
     parts += [f"report {config.outputs.report}"] * (config.outputs.report is not None)
     return terminal("; ".join(parts))

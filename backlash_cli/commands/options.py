@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..errors import UsageError
-from .terminal import progress, say, say_if_first_run
+from .terminal import progress, refusal, say, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
 
     from ..loaders import Plant, ReadOptions
     from ..loaders.sources import Remote
+
+TEXT_OR_JSON = {".txt": "table", ".json": "json"}  # how a file ends: what is written to it
 
 
 @dataclass(frozen=True)
@@ -61,8 +63,7 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
     if scheduler is not None and given["engine"] != "dask":
         raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")
     if scheduler is not None and jobs is not None:
-        raise UsageError("the cluster has the workers it has", where="--jobs",
-                         remedy="leave --jobs out with --scheduler")
+        raise refusal(UsageError, "cluster_jobs", "--jobs")
     if given["engine"] != "dask":
         yield None
         return

@@ -11,10 +11,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import BacklashError, UsageError
+from ..errors import BacklashError, UsageError, some
 from ..reporter.safe import counted
-from .options import Export, cluster, command
-from .terminal import emit, progress, put, say, say_failures, say_if_first_run
+from .options import TEXT_OR_JSON, Export, cluster, command
+from .terminal import emit, progress, put, refusal, say, say_failures, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -38,8 +38,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
 
     export = Export.of(given)
     if demo == bool(export.inputs):
-        raise UsageError("--demo and an export do not fit together" if demo else "nothing to scan: no INPUT",
-                         remedy="name an export, a file or folder, or give --demo alone to see what comes out")
+        raise refusal(UsageError, "demo_or_export", problem="--demo and an export do not fit together" if demo else
+                      "nothing to scan: no INPUT")
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
@@ -69,8 +69,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     wrong += [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
     status = say_failures("not analysed", wrong, shown=quiet or output is not None or form not in (None, "table"))
     hits = met(rules, result.loops)
-    if hits and not quiet:
-        say(f"--fail-on {', '.join(fail_on)}: met by {counted(len(hits), 'loop')}: {', '.join(hits[:10])}")
+    if hits:
+        say(f"--fail-on {', '.join(fail_on)}: met by {counted(len(hits), 'loop')}: {some(hits, 10)}")
     return 1 if hits else status
 
 
@@ -80,8 +80,10 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
     from ..check import LoopCheck, check_loop
     from ..engines.local import answers
     from ..reporter.check_table import checked
+    from ..reporter.files import form_of
     from ..results import PlantResult
 
+    form = form or form_of(output, TEXT_OR_JSON)
     plant = Export.of(given).read(compiles=False)
     loops = []
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
@@ -94,7 +96,6 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
     loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
     rest = tuple(note for note in plant.failures if not note.values.get("loop"))
     result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
-    form = form or ("json" if output is not None and output.suffix.lower() == ".json" else "table")
     report, coloured = checked(result), output is None and sys.stdout.isatty()
     put(output, report.json() if form == "json" else report.text(verbose=verbose, colour=coloured),
         f"{counted(len(loops), 'loop')} checked, {form}")
@@ -177,8 +178,7 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
     """Keep what a scan into a history has finished, until the block has ended well. scan: what makes it the same."""
     if history is None:
         if resume:
-            raise UsageError("only a scan into a history can go on", where="--resume",
-                             remedy="name the file with --history, as the scan that was stopped did")
+            raise refusal(UsageError, "resume_without_history", "--resume")
         yield None
         return
     from ..history.unfinished import Unfinished
@@ -210,7 +210,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     if not long:
         return []
     if all(len({item.axis.where for item in r.series.roles.get("pv", ())}) < 2 for r in job.plant.recipes):
-        say(f"{', '.join(long[:3])}: the export covers more than a day and enters the history as one night; "
+        say(f"{some(long, 3)}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []
     found = []

@@ -19,7 +19,7 @@ from .terminal import deliver, progress, put, say_failures
 if TYPE_CHECKING:
     from ..results.advice import LoopPlan
 
-PLANS = {".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
+PLANS = {".txt": "text", ".json": "json", ".csv": "csv", ".html": "html", ".htm": "html"}
 MOVE = "a number in units of the loop such as 12.5, or a share of its span such as 5%"
 
 
@@ -60,11 +60,12 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
     from ..plan import Move, PlanOptions
     from ..record import Note
     from ..reporter import advice
+    from ..reporter.files import form_of
 
     pv_move, op_move = (Move(*options.size(text, where, "move", MOVE))
                         for text, where in ((max_pv_move, "--max-pv-move"), (max_op_move, "--max-op-move")))
     wanted = PlanOptions(options.dead_band(target, "--target"), pv_move, op_move, repeats, seed)
-    form = form or PLANS.get(output.suffix.lower() if output else "", "text")
+    form = form or form_of(output, PLANS)
     plant = Export.of(given).read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]

@@ -7,15 +7,17 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
+from ..errors import BacklashError
 from ..reporter.safe import terminal
 
 if TYPE_CHECKING:
     from ..reporter.report import Report
 
+Refused = TypeVar("Refused", bound=BacklashError)
 COMPILING = 4  # seconds of CPU that the first command spends on it at most, on a machine of 2026; a scan 1
 
 
@@ -49,6 +51,13 @@ def deliver(report: Report, json_file: Path | None, html: Path | None, *, verbos
     if str(json_file) != "-":
         put(None, report.text(verbose=verbose, colour=sys.stdout.isatty()))
     return 0
+
+
+def refusal(kind: type[Refused], name: str, where: object = "", **shown: object) -> Refused:
+    """Return the error of that name in words.toml; where: the option or file. Words are loaded only when needed."""
+    from ..words import explained
+
+    return kind(**explained(name, **shown), where=str(where))
 
 
 def say(text: str) -> None:

@@ -13,7 +13,7 @@ import click
 
 from ..errors import LoopError, UsageError, some
 from .options import Export, cluster, command
-from .terminal import deliver, progress, put, say, say_failures
+from .terminal import deliver, progress, put, refusal, say, say_failures
 
 if TYPE_CHECKING:
     from ..loaders import Plant
@@ -49,11 +49,9 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
     wrong = [p.opts[0] for p in context.command.params if p.name in (OF_ONE if every else OF_ALL)
              and context.params[p.name] not in (None, (), p.default)]
     if wrong and every:
-        raise UsageError(f"{', '.join(wrong)} and --all do not fit together", where="--all",
-                         remedy="--all explains every loop by search and writes --output")
+        raise refusal(UsageError, "not_with_all", "--all", options=", ".join(wrong))
     if wrong:
-        raise UsageError(f"{wrong[0]} goes with --all", where=wrong[0],
-                         remedy="add --all; for one loop there are --json, --html and --save-model")
+        raise refusal(UsageError, "only_with_all", wrong[0], option=wrong[0])
     export = Export.of(given)
     check_picture(given["picture"])
     more, chosen = ([load_effect(name) for name in names] for names in (outside, add))
@@ -88,25 +86,19 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
     model = None if model_file is None else load_model(model_file)
     if model is None or other_loop:
         return one_loop(export, name), model
-    where = str(model_file)
     try:
         record = one_loop(export, name or model.loop)
     except UsageError as error:
         if name is not None or "no loop" not in error.what:
             raise
-        raise UsageError(f"this model is of loop {model.loop}, which is not in this export", where=where,
-                         remedy=f"{error.remedy}; --loop NAME --other-loop uses it for another loop") from error
+        raise refusal(UsageError, "model_loop_absent", model_file, loop=model.loop, hint=error.remedy) from error
     if model.loop.strip().lower() != record.loop.strip().lower():
-        raise UsageError(f"this model is of loop {model.loop}, not of {record.loop}", where=where,
-                         remedy=f"give --loop {model.loop}, or --other-loop to use it all the same")
+        raise refusal(UsageError, "model_of_other_loop", model_file, loop=model.loop, other=record.loop)
     for key in ("pv_range", "op_range"):
         kept, now = getattr(model, key), getattr(record.settings, key)
         # a range guessed from the data gives way to the model's
         if kept is not None and tuple(kept) != tuple(now) and record.settings.source.get(key) != "data":
-            raise UsageError(f"the model's numbers belong to {key} = [{kept[0]:g}, {kept[1]:g}], this record is read "
-                             f"with [{now[0]:g}, {now[1]:g}]", where=where,
-                             remedy=f"set {key} of {record.loop} in its loops.toml as in the model, or fit the model "
-                             "anew; --other-loop uses it all the same")
+            raise refusal(UsageError, "model_range", model_file, key=key, kept=kept, now=now, loop=record.loop)
     return record, model
 
 
@@ -143,8 +135,8 @@ def explain_plant(export: Export, effects: tuple[str, ...], given: Mapping[str, 
     output: Path | None = given["output"]
     folder = output is not None and output.suffix.lower() not in SUFFIXES
     if output is not None and output.exists() and output.is_dir() != folder:
-        raise UsageError(f"this is {'a file' if folder else 'a folder'}", where=f"--output {output}",
-                         remedy=f"give a file ending in {', '.join(SUFFIXES[:3])}, or a folder")
+        raise refusal(UsageError, "file_or_folder", f"--output {output}", there="file" if folder else "folder",
+                      endings=", ".join(SUFFIXES[:3]))
     plant = export.read()
     names, found = names_in(plant), PlantExplanation((), plant.inputs, plant.warnings, plant.failures)
 

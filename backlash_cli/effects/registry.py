@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from ..errors import MetadataError, nearest
+from ..words import explained
 from . import EFFECTS
 from .shape import Effect, Stage
 
@@ -45,8 +46,7 @@ def _from_module(name: str) -> Effect:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:
-        raise MetadataError(f"cannot load effect '{name}': {error}",
-                            remedy="check the module's name and that it can be imported here") from error
+        raise MetadataError(**explained("effect_module", effect=name, problem=error)) from error
     effect = getattr(module, attribute or "EFFECT", None)
     if not isinstance(effect, Effect):
         names = [k for k, v in vars(module).items() if isinstance(v, Effect)]
@@ -78,5 +78,4 @@ def _try(effect: Effect, name: str) -> None:
     except Exception as error:
         wrong = f"fails on a trial signal: {type(error).__name__}: {error}"
     if wrong:
-        raise MetadataError(f"effect '{name}' {wrong}", remedy="docs/own-effect.md shows a complete effect; a tuple "
-                            "of one ends with a comma: (x,)")
+        raise MetadataError(**explained("own_effect", effect=name, wrong=wrong))

@@ -107,11 +107,10 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
         if isinstance(version, OSError):
             continue  # this one is just going
         if isinstance(version, BaseException):
-            raise BacklashError(f"worker {worker} cannot run backlash: {_said(version)}", where=where,
-                                code="wrong_worker", remedy=f"install backlash {__version__} there")
+            raise BacklashError(**explained("worker_fails", worker=worker, problem=_said(version), own=__version__),
+                                where=where)
         if version != __version__:
-            raise BacklashError(f"worker {worker} has backlash {version}, this is {__version__}", where=where,
-                                code="wrong_worker", remedy="install the same version everywhere")
+            raise BacklashError(**explained("wrong_worker", worker=worker, its=version, own=__version__), where=where)
 
 
 def cores() -> int:

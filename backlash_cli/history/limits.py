@@ -29,7 +29,7 @@ class _Profile(Page, frozen=True):
 
 
 class _Entry(Page, frozen=True):
-    limit: Annotated[float, msgspec.Meta(gt=0, le=100)]
+    limit: Annotated[float, msgspec.Meta(ge=0.1, le=100)]
     source: str = "not given"
 
 

@@ -19,6 +19,7 @@ import msgspec
 from ..errors import BacklashError, MetadataError, nearest
 from ..record import Frozen
 from ..toml_text import Page, checked, line_of, parsed, read_page
+from ..words import explained
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
@@ -86,8 +87,8 @@ def read_config(path: str | Path) -> NightlyConfig:
                           "scan": "the name of a night's report needs its date and an ending: .html, .json, .csv "
                                   "or .parquet, for example scans/{date}.html"})
     for key in [key for key in page.reading if key not in READING]:
-        raise MetadataError(f"unknown key {key!r}", where=line_of(text, where, "reading", key),
-                            remedy=nearest(key, READING))
+        raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
+                            where=line_of(text, where, "reading", key))
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
     return msgspec.structs.replace(
         page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs), fail_on=fail_on,
@@ -112,8 +113,10 @@ class DatedExport(Frozen):
         return total.hexdigest()[:32]
 
 
-def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14) -> list[DatedExport]:
-    """Return the exports behind the patterns in the order of their dates, at most `look_back` days before the newest.
+def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14
+                 ) -> tuple[list[DatedExport], list[str]]:
+    """Return the exports behind the patterns in the order of their dates, and the names of those more than `look_back`
+    days before the newest.
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
     """
@@ -121,9 +124,9 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     for path, day in sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0]):
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
     dated = sorted(day for day in nights if isinstance(day, date))
-    return [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated
-              if (dated[-1] - day).days <= look_back),
-            *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))]
+    older = [day.isoformat() for day in dated if (dated[-1] - day).days > look_back]
+    return [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated[len(older) :]),
+            *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))], older
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
@@ -133,8 +136,8 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
         if i % 2:
             form = piece or "%Y-%m-%d"
             if strange := re.search(f"%([^{CODES}]|$)", form):
-                raise MetadataError(f"{strange[0]!r} is not known in a date", where=pattern,
-                                    remedy=f"use {', '.join('%' + code for code in CODES[:-1])}")
+                codes = ", ".join(f"%{code}" for code in CODES[:-1])
+                raise MetadataError(**explained("no_date_code", code=strange[0], codes=codes), where=pattern)
             formats.append(form)
             wild += re.sub("[^/]+", "*", form)
             expression += f"(.{{{len(date(2026, 12, 31).strftime(form))}}})"
@@ -174,8 +177,7 @@ def lock(path: Path) -> Iterator[str]:
     try:
         file = open(path, "a+b", buffering=0)  # noqa: SIM115
     except OSError as error:
-        raise BacklashError(f"cannot make the lock file: {error.strerror}", where=str(path), code="lock",
-                            remedy="check the folder, or set `lock` in the configuration") from None
+        raise BacklashError(**explained("lock", problem=error.strerror), where=str(path)) from None
     with file:
         taken = False
         with contextlib.suppress(OSError):
@@ -192,8 +194,7 @@ def lock(path: Path) -> Iterator[str]:
         file.seek(0)
         before = file.read(200).decode("utf-8", "replace").strip()
         if not taken:
-            raise BacklashError(f"another nightly job is working ({before or 'unknown'})", where=str(path),
-                                code="busy", remedy="wait for it; the next run does what this one did not")
+            raise BacklashError(**explained("busy", who=before or "unknown"), where=str(path))
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n".encode())
         try:

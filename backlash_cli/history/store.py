@@ -199,11 +199,9 @@ class History(contextlib.AbstractContextManager["History"]):
         application, version, tables = (int(self.db.execute(query).fetchone()[0]) for query in (
             "PRAGMA application_id", "PRAGMA user_version", "SELECT count(*) FROM sqlite_master"))
         if application not in (0, APPLICATION) or (application == 0 and tables):
-            raise BacklashError("this SQLite file is not a backlash history", where=str(self.path),
-                                code="not_a_history", remedy="give another file name to --history")
+            raise BacklashError(**explained("not_a_history"), where=str(self.path))
         if version > len(STEPS):
-            raise BacklashError(f"the history was written by a newer version (schema {version}, this tool knows "
-                                f"{len(STEPS)})", where=str(self.path), code="newer_history", remedy="update backlash")
+            raise BacklashError(**explained("newer_history", version=version, known=len(STEPS)), where=str(self.path))
         return version
 
     def _patiently(self, action: Callable[[], Any]) -> Any:

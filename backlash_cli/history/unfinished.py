@@ -21,6 +21,7 @@ from .._version import __version__
 from ..errors import BacklashError
 from ..record import Note
 from ..results import LoopReport, Verdict
+from ..words import explained
 from .store import check_folder
 
 KEPT = 30 * 86400.0  # seconds; what a stopped scan left is no use any more
@@ -45,8 +46,7 @@ class Unfinished:
                     with contextlib.suppress(ValueError):
                         self.known.update([from_text(line)])
         except OSError as error:
-            raise BacklashError(f"the history may not be written: {error.strerror}", where=str(history),
-                                code="history_unusable", remedy="check the rights of its folder") from None
+            raise BacklashError(**explained("history_unusable", problem=error.strerror), where=str(history)) from None
         # what scans left that were stopped long ago and never resumed
         for path in history.parent.glob(f"{history.name}.unfinished-????????????"):
             with contextlib.suppress(OSError):

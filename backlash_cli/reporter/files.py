@@ -7,10 +7,11 @@ import os
 import secrets
 import stat
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from ..errors import BacklashError
+from ..errors import BacklashError, UsageError
+from ..words import explained
 
 LEFT_BEHIND = 86400.0  # seconds; no run takes a day to write one file
 _MENDED = {
@@ -23,6 +24,15 @@ _MENDED = {
     errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
     errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name"),
 }
+
+
+def form_of(output: Path | None, forms: Mapping[str, str]) -> str:
+    """Return the form that the end of a file's name asks for, the first of `forms` where it has none or another use.
+    Raises UsageError for the ending of a form that there is not."""
+    suffix = output.suffix.lower() if output else ""
+    if suffix[1:].isalpha() and suffix not in forms:
+        raise UsageError(**explained("no_such_form", suffix=suffix, forms=", ".join(forms)), where=f"--output {output}")
+    return forms.get(suffix, next(iter(forms.values())))
 
 
 def write_text(path: str | os.PathLike[str], text: str | Iterable[str]) -> None:

@@ -12,9 +12,10 @@ from .._version import __version__
 from ..errors import UsageError, nearest
 from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
+from ..words import explained
 from . import figures
 from .figures import POINTS, Figure, PlantRow
-from .files import make_folder, replacing, write_text
+from .files import form_of, make_folder, replacing, write_text
 from .json_report import json_parts
 from .page import is_page
 from .report import LoopPart, Report
@@ -25,7 +26,7 @@ from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
 FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
-_SUFFIXES = {".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html", ".txt": "table"}
+_SUFFIXES = {".txt": "table", ".json": "json", ".csv": "csv", ".parquet": "parquet", ".html": "html", ".htm": "html"}
 _COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"}
 
 Rule = Callable[[LoopReport], bool]
@@ -43,16 +44,11 @@ def check_delivery(form: str | None, output: Path | None, table: str) -> str | N
     for what cannot be, before any work is done."""
     columns_of(table)
     if form is None and output is not None:
-        suffix = output.suffix.lower()
-        if suffix[1:].isalpha() and suffix not in _SUFFIXES:
-            raise UsageError(f"no report is written as {suffix}", where=f"--output {output}",
-                             remedy=f"end the name with one of {', '.join(_SUFFIXES)}, or say which with --format")
-        form = _SUFFIXES.get(suffix, "table")
+        form = form_of(output, _SUFFIXES)
     if form == "parquet" and output is None:
         raise UsageError("Parquet is not for a terminal", where="--format parquet", remedy="add --output FILE.parquet")
     if table != "loops" and form not in ("csv", "parquet"):
-        raise UsageError("there are tables in CSV and Parquet only", where=f"--table {table}",
-                         remedy="add --format csv")
+        raise UsageError(**explained("no_table_form"), where=f"--table {table}")
     if output is not None and form != "html" and output.is_dir():
         raise UsageError("this is a folder", where=f"--output {output}", remedy="give the name of a file")
     return form
@@ -161,13 +157,12 @@ def _rule(text: str, where: str) -> Rule:
         return lambda report: report.verdict in known
     if (found := _RULE.fullmatch(text.lower())) is None:
         rules = [*_RULES, "d>0.03", "d>3%"]
-        hint = nearest(text, rules)
-        raise UsageError(f"no rule {text!r}", where=where,
-                         remedy=f"{hint} Rules: {', '.join(rules)}" if hint.startswith("did") else hint)
+        hint = "" if text == "d" else nearest(text, rules)  # a shell takes > and what follows for a file to write
+        raise UsageError(**explained("no_rule" if hint.startswith("did") else "no_rule:far", rule=text, hint=hint,
+                                     rules=", ".join(rules)), where=where)
     sign, number, per_cent = found.groups()
     limit = float(number) / (100.0 if per_cent else 1.0)
     if limit > 1.0:
-        raise UsageError(f"a dead band of {limit:g} spans cannot be", where=f"{where} {text}",
-                         remedy=f"d is a part of the span (0.03 is 3 %); did you mean d{sign}{number}% ?")
+        raise UsageError(**explained("large_rule", limit=limit, rule=f"d{sign}{number}%"), where=f"{where} {text}")
     compare = operator.gt if sign == ">" else operator.ge
     return lambda report: (d := size(report)) is not None and compare(d, limit)

@@ -68,6 +68,9 @@ def test_the_report_can_go_to_a_file(capfd: pytest.CaptureFixture[str], tmp_path
     text = tmp_path / "check.txt"
     run(capfd, "check", PLANT, "--loop", "FIC102", "--output", text)
     assert text.read_text().startswith("Loop")
+    for command in ("check", "plan"):  # whose text would lie in a page
+        done = run(capfd, command, PLANT, "--loop", "FIC102", "--output", tmp_path / "check.pdf")
+        assert done.status == 2 and ".txt, .json" in done.err and not (tmp_path / "check.pdf").exists()
 
 
 def test_a_loop_that_cannot_be_checked_is_named_and_the_rest_goes_on(

@@ -146,7 +146,7 @@ def test_a_repair_is_entered_taken_back_and_splits_the_trend(capfd, db, tmp_path
     assert run(capfd, "history", path, "--repair", "*IC1", "2026-03-25", "shutdown").err.count("entered: shutdown") == 1
     assert run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-22").status == 2
     assert "taken back" in run(capfd, "history", path, "--remove-repair", "FIC101", "2026-03-21").err
-    for bad in (("FIC1", "2026-03-21"), ("FIC101", "yesterday")):
+    for bad in (("FIC1", "2026-03-21"), ("FIC101", "yesterday"), ("FIC101", "2999-03-21")):
         done = run(capfd, "history", path, "--repair", *bad, "x")
         assert done.status == 2 and "->" in done.err
 
@@ -162,6 +162,13 @@ def test_trend_json_has_the_names_of_the_contract(capfd, db):
     assert early <= worn["limit_date"]["value"] <= late and worn["limit_date"]["value"].startswith("2026-04-")
     assert len(loops["FIC102"]["segments"]) == 2 and loops["FIC102"]["repairs"][0]["found"] is True
     assert loops["TIC1"]["limit_date"] is None and loops["TIC1"]["state"] == "no_trend"
+
+
+def test_the_name_of_the_file_decides_on_the_form_of_a_trend(capfd, db, tmp_path):
+    assert run(capfd, "trend", "--history", db, "--output", tmp_path / "t.json").status == 0
+    assert json.loads((tmp_path / "t.json").read_text())["loops"]
+    done = run(capfd, "trend", "--history", db, "--output", tmp_path / "t.html")
+    assert done.status == 2 and ".txt, .json" in done.err and not (tmp_path / "t.html").exists()
 
 
 def test_trend_table_limits_and_reasons(capfd, db, tmp_path):

@@ -125,6 +125,26 @@ def test_check_lists_what_would_be_scanned_and_changes_nothing(capfd, job):
     assert not (job / "h.db").exists() and not (job / "out").exists()
 
 
+def test_check_reads_limits_and_loop_settings_and_a_wrong_path_is_named(capfd, job):
+    export(job, 1)
+    for key, name in (("limits", "limit.toml"), ("loops", "loop.toml")):
+        (job / "n.toml").write_text(f'{key} = "{name}"\n' + CONFIG.replace('loops = "loops.toml"\n', ""))
+        done = run(capfd, "nightly", job / "n.toml", "--check")
+        assert done.status == 2 and name in done.err and "->" in done.err
+
+
+def test_exports_too_old_to_be_looked_at_are_named_until_they_are_in_the_history(capfd, job):
+    for day in (1, 2, 9):
+        export(job, day)
+    (job / "n.toml").write_text("look_back = 3\n" + CONFIG)
+    assert "2026-03-01: older than look_back\n" in run(capfd, "nightly", job / "n.toml", "--check").out
+    assert "older than look_back 2026-03-01, 2026-03-02" in run(capfd, "nightly", job / "n.toml").out
+    (job / "n.toml").write_text(CONFIG)
+    run(capfd, "nightly", job / "n.toml")
+    (job / "n.toml").write_text("look_back = 3\n" + CONFIG)
+    assert "older" not in run(capfd, "nightly", job / "n.toml").out
+
+
 def test_text_log_and_standard_error(capfd, job):
     for day in (1, 3):
         export(job, day)

@@ -91,6 +91,7 @@ def test_rules_look_at_verdict_and_size():
     [
         (["--fail-on", "backlsh"], ["did you mean backlash?", "d>0.03"]),
         (["--fail-on", "d>3"], ["d>3%"]),
+        (["--fail-on", "d"], ['--fail-on "d>3%"']),
         (["--fail-on", ""], ["no rule"]),
         (["--format", "xml"], ["xml", "json"]),
         (["--format", "parquet"], ["--output"]),
@@ -168,7 +169,8 @@ def test_quiet_says_nothing_when_all_is_well(capfd, plant, tmp_path):
     done = run(capfd, "scan", plant, "--quiet")
     assert (done.status, done.out, done.err) == (0, "", "")
     done = run(capfd, "scan", plant, "--quiet", "--fail-on", "backlash", "--output", tmp_path / "r.csv")
-    assert (done.status, done.out, done.err) == (1, "", "") and (tmp_path / "r.csv").exists()
+    assert (done.status, done.out) == (1, "") and (tmp_path / "r.csv").exists()
+    assert done.err == "backlash: --fail-on backlash: met by 2 loops: FIC101, PIC303\n"  # what cron mails
     assert json.loads(run(capfd, "scan", plant, "--quiet", "--format", "json").out)["loops"]
     assert "bad.csv" in run(capfd, "scan", plant, _written(tmp_path, "bad.csv", ""), "--quiet").err
 

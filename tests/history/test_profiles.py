@@ -21,7 +21,8 @@ def test_the_first_pattern_that_fits_counts_and_a_loop_of_its_own_goes_first():
 
 
 @pytest.mark.parametrize(("text", "words"), [
-    ("", "no class"), ("[classes.a]\nlimit = 0", "between 0 and 100"), ("[classes.a]\nlimit = true", "number"),
+    ("", "no class"), ("[classes.a]\nlimit = 0", "limit = 3.0 is 3 %"),
+    ("[classes.a]\nlimit = 0.03", "limit = 3.0 is 3 %"), ("[classes.a]\nlimit = true", "per cent"),
     ("[classes.a]\nlimit = 3\nsorce = 1", "sorce"), (CLASSES + "[[assign]]\nloops = 'x'\nclass = 'c'", "no class 'c'"),
     ("default = 'z'\n" + CLASSES, "no class 'z'"), (CLASSES + "[[assign]]\nclass = 'a'", "loops is missing"),
     ("assign = 3\n" + CLASSES, "list"), ("classes = 3", "table"), ("[", "TOML"), (CLASSES + "[loops]\nX = 1", "table"),
