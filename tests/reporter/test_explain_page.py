@@ -95,7 +95,7 @@ def test_pages_say_the_answer_in_words():
     for words in ("Missing in the plain model", "has 6.02 % of play", "cannot tell them apart", "baseline 3.2 %",
                   "4 % stays unexplained", "After the output turned", "the record is short"):
         assert words in said, words
-    assert "Nothing is missing" in text_of(judged(nothing()).page())
+    assert "Nothing was found" in text_of(judged(nothing()).page())
     assert "leaves 5 % unexplained" in text_of(judged(comparison()).page())
     assert judged(replace(comparison(), series=None)).page() and judged(explanation().light()).page()
 

@@ -73,7 +73,10 @@ def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
 def test_nothing_missing_is_said_plainly():
     text = judged(nothing()).text()
     assert "The error is 4.3 times the noise, though" in " ".join(text.split())
-    assert "Nothing is missing" in text and "What it means" not in text
+    assert "Nothing was found" in text and "backlash scan" in text and "What it means" not in text
+    quiet = replace(nothing(), baseline=replace(nothing().baseline, rmse_holdout=1.5 * nothing().noise_floor))
+    text = judged(quiet).text()
+    assert "Nothing is missing" in text and "times the noise, though" not in text
 
 
 def test_the_users_own_choice_is_not_called_missing():
