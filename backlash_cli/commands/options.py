@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from ..loaders import Plant, ReadOptions
-    from ..loaders.sources import Remote
+    from ..places import Remote
 
 TEXT_OR_JSON = {".txt": "table", ".json": "json"}  # how a file ends: what is written to it
 
@@ -97,7 +97,7 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
 
 def place(text: str) -> Path | Remote:
     """Read a path, or an address such as s3://bucket/plant.parquet."""
-    from ..loaders.sources import place
+    from ..places import place
 
     return place(text)
 

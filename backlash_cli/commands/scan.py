@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from ..history.unfinished import Unfinished
     from ..loaders.plant import OpenPlant
-    from ..loaders.sources import Remote
+    from ..places import Remote
     from ..results import ScanResult
     from ..scanning import ScanOptions
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
-from .shape import Effect, Parameter, Stage
+from .shape import MEANING, Effect, Parameter, Stage, texts
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -46,15 +46,11 @@ def speeds(clues: Clues) -> list[Values]:
 
 
 RATE_LIMIT = Effect(
-    "rate_limit", Stage.VALVE,
-    "Slow actuator: the valve moves no faster than a certain speed, so large moves arrive late.",
-    "Slew limit of an actuator, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    "rate_limit", Stage.VALVE, *texts("rate_limit"),
     (Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),),
     start, step,
     fitting=Fitting(
-        propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag"),
-        meaning="The actuator moves no faster than {rate}: large moves of the output arrive late. Check the air "
-        "supply, the volume booster and the travel time of the actuator."))
+        propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag"), meaning=MEANING["rate_limit"]))
 
 
 def unequal_speeds(clues: Clues) -> list[Values]:
@@ -65,13 +61,9 @@ def unequal_speeds(clues: Clues) -> list[Values]:
 
 
 UNEQUAL_SPEED = Effect(
-    "unequal_speed", Stage.VALVE,
-    "Unequal speed: the actuator opens faster than it closes, or closes faster than it opens.",
-    "Slew limits of spring-return actuators, e.g. Smith and Corripio, Automatic Process Control (2005)",
+    "unequal_speed", Stage.VALVE, *texts("unequal_speed"),
     (Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
      Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005))),
     start, step,
     fitting=Fitting(
-        propose=unequal_speeds, seldom=True, siblings=("rate_limit",),
-        meaning="The fastest that the actuator moves: opening {opening}, closing {closing}. Check its vent, the quick "
-        "exhaust, the spring and the air supply."))
+        propose=unequal_speeds, seldom=True, siblings=("rate_limit",), meaning=MEANING["unequal_speed"]))

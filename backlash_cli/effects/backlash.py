@@ -31,7 +31,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
-from .shape import Effect, Parameter, Stage
+from .shape import MEANING, Effect, Parameter, Stage, texts
 
 WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)  # gaps worth trying, in travels of the output, beside those of usual size
 NEAR_STICTION = np.array([0.85, 0.92, 1.0])  # gaps in bands of the stiction that is known
@@ -68,16 +68,13 @@ def propose(clues: Clues) -> list[Values]:
 
 
 EFFECT = Effect(
-    "backlash", Stage.VALVE,
-    "Play in the valve linkage: after a reversal the stem does not move until the output has crossed a gap.",
-    "Haegglund, J. Process Control 17 (2007) 489, Fig. 2; play operator of Krasnosel'skii and Pokrovskii (1989)",
+    "backlash", Stage.VALVE, *texts("backlash"),
     (Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
      Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
     start, step,
     fitting=Fitting(
         propose=propose, rivals=("sensor_hysteresis",), whole=whole, siblings=("stiction",),
-        meaning="The linkage or actuator has {d} of play: at every reversal the output travels that far before the "
-        "stem moves. Check the linkage, the actuator's coupling and the positioner."))
+        meaning=MEANING["backlash"]))
 
 
 def widths(clues: Clues) -> list[Values]:
@@ -87,16 +84,13 @@ def widths(clues: Clues) -> list[Values]:
 
 
 SENSOR_HYSTERESIS = Effect(
-    "sensor_hysteresis", Stage.SENSOR,
-    "Hysteresis of the sensor: PV shows a change of direction only after the true value has moved some way.",
-    "Hysteresis of transmitters, IEC 61298-2; play operator of Krasnosel'skii and Pokrovskii (1989)",
+    "sensor_hysteresis", Stage.SENSOR, *texts("sensor_hysteresis"),
     (Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
      Parameter("position", "half width", "shown value at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
     start, step,
     fitting=Fitting(
         propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction"),
-        meaning="What is measured must turn and move {w} of span before PV shows it. Check the transmitter's linkage, "
-        "float or diaphragm and its filter, and compare with a second gauge."))
+        meaning=MEANING["sensor_hysteresis"]))
 
 
 def stuck(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -140,9 +134,7 @@ def plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 STICTION = Effect(
-    "stiction", Stage.VALVE,
-    "Sticky packing: the stem stays stuck, then jumps and slides, so corrections come late and too large.",
-    "Kano et al., IFAC DYCOPS, Cambridge MA (2004); restick: He et al., Ind. Eng. Chem. Res. 46 (2007)",
+    "stiction", Stage.VALVE, *texts("stiction"),
     (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
      Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
      Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
@@ -150,5 +142,4 @@ STICTION = Effect(
     stuck, slip_step,
     fitting=Fitting(
         propose=bands, search="jumpy", plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",),
-        meaning="The valve sticks: the output must move {S} before the stem moves, and then it jumps by {J}. "
-        "Check the packing, the seat and the actuator's size."))
+        meaning=MEANING["stiction"]))

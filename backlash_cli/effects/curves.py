@@ -28,7 +28,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values, Whole
-from .shape import Effect, Parameter, Stage, Step
+from .shape import MEANING, Effect, Parameter, Stage, Step, texts
 
 
 def no_memory(*_: object) -> FloatArray:
@@ -52,16 +52,12 @@ def stops(clues: Clues) -> list[Values]:
 
 
 SATURATION = Effect(
-    "saturation", Stage.VALVE,
-    "Valve stop: beyond a certain output the valve does not open or close any further.",
-    "Mechanical stop or limited travel; ideal saturation, e.g. Khalil, Nonlinear Systems (2002)",
+    "saturation", Stage.VALVE, *texts("saturation"),
     (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
      Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7))),
     no_memory, stop_step,
     fitting=Fitting(
-        whole=at_once(stop_step), propose=stops,
-        meaning="The valve meets a stop ({low} to {high}): beyond it the output has no effect. Check the mechanical "
-        "stops, the positioner's calibration and the size of the valve."))
+        whole=at_once(stop_step), propose=stops, meaning=MEANING["saturation"]))
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -73,16 +69,13 @@ def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
 BENDS: list[Values] = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
 BENDS += [{"authority": a} for a in (0.1, 0.3, 0.6)]
 VALVE_CHARACTERISTIC = Effect(
-    "valve_characteristic", Stage.VALVE,
-    "Curved valve characteristic: the gain from output to flow changes with the opening.",
-    "Equal percentage dq/dx = ln(R) q, IEC 60534-2-4, shifted through 0; quick opening mirrors it",
+    "valve_characteristic", Stage.VALVE, *texts("valve_characteristic"),
     (Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
      Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,))),
     no_memory, flow_step,
     fitting=Fitting(
         whole=at_once(flow_step), propose=lambda clues: BENDS, rivals=("sensor_curve",),
-        meaning="The gain changes with the opening (curvature {curvature}): the loop is tuned right at one end only. "
-        "Linearise it with a characteriser in the controller or positioner, or schedule the gain."))
+        meaning=MEANING["valve_characteristic"]))
 
 
 def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -90,12 +83,8 @@ def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 SENSOR_CURVE = Effect(
-    "sensor_curve", Stage.SENSOR,
-    "Curved sensor: PV is not proportional to what is measured, as where a root was not taken.",
-    "Differential pressure over an orifice goes with the square of the flow, ISO 5167-1",
+    "sensor_curve", Stage.SENSOR, *texts("sensor_curve"),
     (Parameter("curvature", "1", "ln of slope at full over slope at nothing", 0.0, -6.0, 6.0, (-2.0, -0.7, 0.7, 2.0)),),
     no_memory, shown_step,
     fitting=Fitting(
-        whole=at_once(shown_step), seldom=True, rivals=("valve_characteristic",),
-        meaning="PV's scale is bent (curvature {curvature}): the loop answers differently at its ends whatever the "
-        "valve does. Check root extraction, the range and the strapping table of the transmitter."))
+        whole=at_once(shown_step), seldom=True, rivals=("valve_characteristic",), meaning=MEANING["sensor_curve"]))

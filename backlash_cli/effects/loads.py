@@ -59,7 +59,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Fitting, Values
-from .shape import Effect, Parameter, Stage
+from .shape import MEANING, Effect, Parameter, Stage, texts
 
 UNANSWERED = 1.5  # travels of OP around it that a step may be larger: a slow loop may not be through yet
 
@@ -87,17 +87,14 @@ def step_plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 LOAD_STEP = Effect(
-    "load_step", Stage.LOAD,
-    "Load steps: at certain times something other than the valve pushed the process by a fixed amount.",
-    "Step load at the process input, the disturbance of Haegglund (2007), Examples 1 to 4",
+    "load_step", Stage.LOAD, *texts("load_step"),
     (Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
      Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True)),
     clock, step_step,
     fitting=Fitting(
         linear=("sizes",), fixed=("times",), dear=("times",), plausible=step_plausible,
         propose=lambda clues: [{"times": t, "sizes": (0.0,) * len(t)} for t in clues.step_times(5)],
-        meaning="At {times} something other than the valve pushed the process by {sizes}. Look at what was switched, "
-        "opened or changed over at that time."))
+        meaning=MEANING["load_step"]))
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -126,9 +123,7 @@ def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 LOAD_DRIFT = Effect(
-    "load_drift", Stage.LOAD,
-    "Load drift: a slow change pushes the process steadily in one direction.",
-    "Ramp load at the process input, e.g. Astrom and Haegglund, Advanced PID Control (2006)",
+    "load_drift", Stage.LOAD, *texts("load_drift"),
     (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
      Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
      Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True)),
@@ -136,8 +131,7 @@ LOAD_DRIFT = Effect(
     fitting=Fitting(
         linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
         propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)],
-        meaning="The load drifts by {slope}: the controller has to move the valve further and further. Look for "
-        "fouling, a plugging filter, a falling supply pressure or the weather."))
+        meaning=MEANING["load_drift"]))
 
 
 def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -147,9 +141,7 @@ def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 EXTERNAL_OSCILLATION = Effect(
-    "external_oscillation", Stage.LOAD,
-    "External oscillation: a swing from outside the loop, with its own period, shakes the process.",
-    "Sinusoidal load at the process input, e.g. Haegglund, Control Eng. Practice 3 (1995) 1543",
+    "external_oscillation", Stage.LOAD, *texts("external_oscillation"),
     (Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
      Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
      Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True)),
@@ -157,8 +149,7 @@ EXTERNAL_OSCILLATION = Effect(
     fitting=Fitting(
         linear=("amplitude",), phase="phase", dear=("period",),
         propose=lambda clues: [{"period": t, "amplitude": 0.0, "phase": 0.0} for t in clues.periods(3)],
-        meaning="A swing with a period of {period} comes from outside this loop. Look for another loop, a pump or a "
-        "compressor that swings with the same period."))
+        meaning=MEANING["external_oscillation"]))
 
 
 def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -167,14 +158,11 @@ def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 MEASURED_DISTURBANCE = Effect(
-    "measured_disturbance", Stage.LOAD,
-    "Measured disturbance: another recorded signal, such as a feed flow or a pressure, pushes the process.",
-    "Additive load at the process input, linear in a measured signal (the model behind feedforward control)",
+    "measured_disturbance", Stage.LOAD, *texts("measured_disturbance"),
     (Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
     lambda p, interval, first: np.zeros(1), column_step, column=True,
     fitting=Fitting(
-        linear=("gain",),
-        meaning="The measured column pushes the process by {gain}. Feedforward from this column would take it away."))
+        linear=("gain",), meaning=MEANING["measured_disturbance"]))
 
 
 def coloured_start(density: float, bandwidth: float, interval: float) -> FloatArray:
@@ -208,18 +196,14 @@ def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 MEASUREMENT_NOISE = Effect(
-    "measurement_noise", Stage.SENSOR,
-    "Measurement noise: the transmitter's random error, with a density and a bandwidth.",
-    "First-order Gauss-Markov noise; density of the examples of Haegglund (2007): 0.002^2 x 0.01 s = 4e-8",
+    "measurement_noise", Stage.SENSOR, *texts("measurement_noise"),
     (Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
      Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf)),
     lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step,
     draws=2, fitted=False)
 
 RANDOM_LOAD = Effect(
-    "random_load", Stage.LOAD,
-    "Random load: what flows into the process wanders about its mean.",
-    "First-order Gauss-Markov load at the process input, Astrom, Stochastic Control Theory (1970)",
+    "random_load", Stage.LOAD, *texts("random_load"),
     (Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
      Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9)),
     lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval), coloured_step,

@@ -28,7 +28,7 @@ from ..errors import MetadataError
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .loads import clock
-from .shape import Effect, Parameter, Stage
+from .shape import MEANING, Effect, Parameter, Stage, texts
 
 # delayed samples are kept in memory
 MOST_SAMPLES = 10_000_000
@@ -93,16 +93,13 @@ def forgotten(samples: int, h: float, tau: float) -> FloatArray:
 
 
 DEAD_TIME = Effect(
-    "dead_time", Stage.PROCESS,
-    "Dead time: nothing happens at the measurement until a transport delay has passed.",
-    "Transport delay exp(-s theta), sampled as in Astrom and Wittenmark, Computer-Controlled Systems (1997)",
+    "dead_time", Stage.PROCESS, *texts("dead_time"),
     (Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
     ring, delay_step,
     fitting=Fitting(
         whole=lambda values, p, interval: late(values, p[0] / interval), siblings=("second_lag",),
         propose=lambda clues: [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)],
-        meaning="The process answers {theta} after the valve moves. Give the dead time in the loop's settings and "
-        "check the tuning; look for long pipes, slow analysers and sample lines."))
+        meaning=MEANING["dead_time"]))
 
 
 def lag_start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -132,16 +129,13 @@ def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
 
 
 SECOND_LAG = Effect(
-    "second_lag", Stage.PROCESS,
-    "Second lag: the process has a further time constant that makes its answer start slowly.",
-    "First-order lag 1/(1 + s tau2), exact for held input (Astrom and Wittenmark 1997)",
+    "second_lag", Stage.PROCESS, *texts("second_lag"),
     (Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
     lag_start, lag_step,
     fitting=Fitting(
         whole=lagged, on_loads=True, siblings=("dead_time",),
         propose=lambda clues: [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)],
-        meaning="The process has a second lag of {tau2}, for example a thermowell, a heavy filter or the actuator. "
-        "Derivative action or faster hardware helps."))
+        meaning=MEANING["second_lag"]))
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -160,13 +154,9 @@ def drifts(clues: Clues) -> list[Values]:
 
 
 GAIN_DRIFT = Effect(
-    "gain_drift", Stage.PROCESS,
-    "Drifting gain: with time the same move of the valve does more, or less, as with fouling or wear.",
-    "Time-varying process gain, e.g. Astrom and Wittenmark, Adaptive Control (1995), section 1.4",
+    "gain_drift", Stage.PROCESS, *texts("gain_drift"),
     (Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
      Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True)),
     clock, drift_step,
     fitting=Fitting(
-        propose=drifts, seldom=True,
-        meaning="The gain of the process changes by {growth}. Look for fouling, a plugging filter, a catalyst that "
-        "ages, or another product; retune or schedule the controller."))
+        propose=drifts, seldom=True, meaning=MEANING["gain_drift"]))

@@ -22,7 +22,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting
-from .shape import Effect, Parameter, Stage
+from .shape import MEANING, Effect, Parameter, Stage, texts
 
 # share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
 # a rounding step q repeats this often at q = 1.5 s, where the rounding error is a fifth of the noise variance
@@ -80,27 +80,20 @@ def shown(clues: Clues) -> tuple[float, str]:
 
 
 QUANTIZATION = Effect(
-    "quantization", Stage.SENSOR,
-    "Coarse recording: values are rounded to a step, so small changes are lost.",
-    "Mid-tread quantizer, e.g. Widrow and Kollar, Quantization Noise (2008); exception reports of historians",
+    "quantization", Stage.SENSOR, *texts("quantization"),
     (Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
      Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
     nothing_kept, recorded_step,
     fitting=Fitting(
         fixed=("step", "hold"), bounds=bounds,
         propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [shown(clues)]
-                               if how in ("rounded", "held")],
-        meaning="PV is recorded in steps of {step}: what is smaller cannot be seen. Check the transmitter's resolution "
-        "and the historian's exception and compression settings."))
+                               if how in ("rounded", "held")], meaning=MEANING["quantization"]))
 
 EXCEPTION_COMPRESSION = Effect(
-    "exception_compression", Stage.SENSOR,
-    "Exception reporting: the recorder repeats the old value until the signal has moved far enough.",
-    "Exception test of plant historians: report when the change exceeds a deviation",
+    "exception_compression", Stage.SENSOR, *texts("exception_compression"),
     (Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
     nothing_kept, recorded_step,
     fitting=Fitting(
         fixed=("deviation",), bounds=bounds,
         propose=lambda clues: [{"deviation": step} for step, how in [shown(clues)] if how == "reported"],
-        meaning="PV is recorded only when it has moved by {deviation}: what is smaller cannot be seen. Set the "
-        "historian's exception deviation to a fraction of the noise, or store every sample for a day."))
+        meaning=MEANING["exception_compression"]))

@@ -25,8 +25,11 @@ import numpy as np
 
 from ..errors import MetadataError, nearest
 from ..record import FloatArray, Frozen
+from ..words import Words
 from .fitting import Fitting
 
+_TOLD = Words(__package__).tables
+MEANING: dict[str, str] = _TOLD["meaning"]  # of the effects of the project, by name
 Start = Callable[[FloatArray, float, float], FloatArray]
 Step = Callable[[FloatArray, float, FloatArray], float]
 
@@ -162,3 +165,8 @@ def compiled(step: Callable[..., float]) -> Any | None:
         with suppress(NumbaError, RuntimeError):  # numba finds no folder for its cache for a step typed at the prompt
             return numba.cfunc(STEP_SIGNATURE, **option)(step)
     return None
+
+
+def texts(name: str) -> tuple[str, str]:
+    """Return the sentence and the source of an effect of the project."""
+    return _TOLD["sentence"][name], _TOLD["source"][name]

@@ -30,7 +30,6 @@ WORKERS = 60.0  # seconds in which an empty cluster has to get its first worker
 PAUSE = 3.0  # seconds between two looks at the workers
 MISSED = 5  # looks at which a worker may be missing: one that died is mostly there again after two
 ATTEMPTS = 3  # of work that was lost on its way
-_INSTALL = "pip install 'backlash[dask]', or leave --engine dask out: the local engine uses all cores of this machine"
 _LOCAL = {
     # a loop that ends its process does so every time: two deaths are proof enough
     "distributed.scheduler.allowed-failures": 1,
@@ -55,8 +54,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         import dask
         from distributed import Client, LocalCluster
     except ImportError as error:
-        raise UsageError(f"the engine dask needs the package dask, which is not installed ({error})",
-                         where="--engine dask", remedy=_INSTALL) from None
+        raise UsageError(**explained("no_dask", problem=error), where="--engine dask") from None
     # Dask logs every death of a worker with its trace; what matters is said in our words
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -24,6 +24,8 @@ _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
                    r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
+_FORTRAN = re.compile(r"(?<=\d)[dD](?=[+-]?\d)")  # 3.7D+02
+_NO_UNIT = re.compile(r"^\S{0,4}\s?[+-]\d|10\^|^[-:] ")  # a power of ten in another form, a state (1 - Auto)
 _CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement
 
 
@@ -172,9 +174,10 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     text = text.replace("\u2212", "-")
     if text.endswith("-") and text[0] != "-":  # as 12.5- on business forms
         text = f"-{text[:-1].rstrip()}"
+    text = _FORTRAN.sub("e", text)
     match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
     unit = (match[2] or "").strip() if match else ""
-    if match is None or _FLAG.search(unit):
+    if match is None or _FLAG.search(unit) or _NO_UNIT.search(unit):
         return np.nan, ""
     digits = match[1].translate({44: ".", 46: ","}) if comma else match[1]
     try:

@@ -5,6 +5,7 @@ from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -106,6 +107,11 @@ class Head(Frozen):
     def words(self, column: int) -> list[str]:
         return [word for word in codes_and_words(self.columns[column].slice(0, 4000))[1] if word.strip()]
 
+    def counts(self, column: int) -> bool:
+        """Say whether a column numbers the rows."""
+        begun = stored(self.columns[column].slice(0, 200), {})[0]
+        return len(begun) > 1 and bool(np.all(np.diff(begun) == 1.0))
+
     def marks(self, column: int) -> bool:
         """Say whether a column holds qualities by its content: words such as Good, or OPC codes, mostly good."""
         if column in self.texts:
@@ -142,17 +148,18 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
               and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
     named = [i for i in values if head.plain[i] in VALUE]
-    single = len(named) == 1 and all(  # a tag in a file of its own
-        i in named or (i in texts and head.tags[i].role in ("", "quality")) for i in values)
+    single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
     rest = [i for i in values if i not in named]
     quality = ([i for i in rest if is_quality_name(head.plain[i])]
                or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
     rest = [i for i in rest if i not in quality]
-    value = (named or [i for i in rest if i not in head.texts] or rest)[:1]
-    if not value:
-        raise InputError(**explained("no_values"), where=head.where)
+    numbers = [i for i in rest if i not in head.texts and not head.counts(i)]
+    value = (named or numbers or rest)[:1]
+    if not value or (not named and len(numbers) > 1):
+        there = some([head.names[i] for i in numbers]) or "none holds numbers"
+        raise InputError(**explained("no_values", there=there), where=head.where)
     return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)))
 
 
@@ -212,9 +219,10 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
 
 def _leading(head: Head) -> int:
     """How many columns stand before the time of each block of a value, its time and perhaps its quality."""
-    first, second, *_ = *head.times, 0, 0
-    return first if first + len(head.names) - max(head.times, default=0) == second - first and not (
-        {i - 1 for i in head.times} & {-1, *head.times, *head.texts}) else 0
+    steps = {after - before for before, after in pairwise(head.times)}
+    lead = max(steps, default=0) - len(head.names) + max(head.times, default=0)
+    return lead if len(steps) == 1 and 0 < lead <= head.times[0] and all(
+        head.names[i - 1] and i - 1 not in {*head.times, *head.texts} for i in head.times) else 0
 
 
 def _pairs(head: Head) -> Layout:

@@ -51,6 +51,12 @@ def undated(stem: str) -> str:
     return _DATED.sub("", stem) or stem
 
 
+def is_whole(text: str) -> bool:
+    """Say whether a text names a signal and its loop, as FIC101.PV does."""
+    tag = split_tag(text)
+    return bool(tag.loop) and tag.role in SIGNALS
+
+
 def signal_role(text: str) -> str:
     """Return "sp", "pv", "op", "mode" when the whole text is a usual name of that signal, else ""."""
     return _LOOKUP.get(plain(text), "")

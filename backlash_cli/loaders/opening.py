@@ -21,6 +21,7 @@ from zipfile import BadZipFile, ZipFile
 import pyarrow as pa
 
 from ..errors import InputError
+from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
@@ -31,6 +32,7 @@ from .names import (
     explained,
     is_quality_name,
     is_time_name,
+    is_whole,
     noted,
     plain,
     signal_role,
@@ -38,7 +40,7 @@ from .names import (
     undated,
 )
 from .options import ReadOptions
-from .sources import Remote, is_export, stem_of
+from .sources import is_export, stem_of
 from .times import stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
@@ -51,7 +53,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
-CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250")  # the first one without any sign
+CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254")  # the first without signs
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _NUMBER = re.compile(
     r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
@@ -298,10 +300,6 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         raise InputError(**explained(name, delimiter=options.delimiter), where=where)
     before = {lines[i][0]: cells(i) for i in range(first)}
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
-    every = [c for row in (*data, *tail) for c in row if kind(c) == "number"]
-    commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
-    only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
-    numbers = commas if delimiter == "," else every
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
@@ -310,7 +308,14 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
                                                         ] if sorted(kinds) == ["number", "text", "time"] else []
         if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
             before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
-    names, whole = header_of(before, kinds, options, where), (split_tag(c) for row in before.values() for c in row)
+    names = header_of(before, kinds, options, where)
+    signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
+    every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [
+        c for row in (*data, *tail) for c in row if kind(c) == "number"]
+    commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
+    only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
+    numbers = commas if delimiter == "," else every
+    whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
     return Head(where, title if titled else stem, names, (), kinds, partition,
@@ -385,7 +390,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
-    whole = any(tag.loop and tag.role in SIGNALS for tag in map(split_tag, names))
+    whole = any(map(is_whole, names))
     words = [plain(name) for name in names if name and not (whole and (  # a quality, a time stand beside each tag
         is_time_name(name) or is_quality_name(plain(name)) or plain(name) in COLUMNS["ignored"] | COLUMNS["value"]))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
@@ -420,7 +425,7 @@ def score_names(cells: list[str]) -> float:
 def _joined(names: list[str], other: list[str]) -> list[str]:
     """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does."""
     high, low = (other, names) if score_names(names) >= score_names(other) else (names, other)
-    tags = [word for word in low if (tag := split_tag(word)).loop and tag.role in SIGNALS]
+    tags = [word for word in low if is_whole(word)]
     enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
     for cell, word in zip(high, low, strict=True):

@@ -21,7 +21,7 @@ from ..samples import lone_zeros
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import SIGNALS, bare_tag, explained, noted, plain, undated
+from .names import COLUMNS, SIGNALS, bare_tag, explained, noted, plain, undated
 from .states import good_samples
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
@@ -284,11 +284,13 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         # unless the metadata name another tag for this signal
         if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
-    bare = defaultdict[str, list[Series]](list)  # FIC101 beside FIC101.SP and FIC101.OP is the measurement
+    bare = defaultdict[str, list[Series]](list)
     for item in series:
         bare["" if item.loop else item.tag].append(item)
-    for loop in (loop for loop in loops.keys() & bare.keys() if "pv" not in asked.get(loop, {})):
-        loops[loop].roles.setdefault("pv", bare[loop])
+    for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
+        values = bare.get(name) or next((v for k, v in one.extra.items() if plain(k) in COLUMNS["value"]), None)
+        if one.roles and values and "pv" not in asked.get(name, {}):
+            one.roles.setdefault("pv", values)
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}

@@ -1,6 +1,7 @@
 """Files to signals: Arrow reads text in blocks, Parquet in batches of rows or a column when a loop asks."""
 
 import contextlib
+import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
@@ -17,15 +18,16 @@ import pyarrow.parquet as pa_parquet
 from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
+from ..places import Remote
 from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, noted, signal_role
-from .opening import Text, head_of, kind, kind_of, members, sheets
+from .names import explained, is_whole, noted, signal_role
+from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sources import Remote, Source, stem_of
+from .sources import Source, stem_of
 from .times import StampReader, micros_of
 
 TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
@@ -43,6 +45,7 @@ class TextTable:
         self.text, self.where = text, text.where
         self.head = head_of(text, stem, partition)
         self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
+        self._stacked = False  # one of them is the header of another table
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
             raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
@@ -76,6 +79,8 @@ class TextTable:
                 tables = []
             tables.append(table)
         yield _columns(tables)
+        if self._stacked:
+            raise InputError(**explained("stacked"), where=self.where)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, expected, found, _ = self._bad[0]
@@ -90,6 +95,8 @@ class TextTable:
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             self._bad.append((row.number, row.expected_columns, row.actual_columns, 1 + row.text.count("\n")))
+            self._stacked |= not row.text[:1].isdigit() and (
+                sum(map(is_whole, split_line(row.text, self.head.delimiter))) > 1)
             return "skip"
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
@@ -249,8 +256,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         if layout.naming:
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
-    # the header came again, with the columns in another order
-    if sum(bool(words[i].keys() & {*head.names} - {head.names[i], ""}) for i in columns) > 1:
+    # a header came again: of another loop (no state such as Bad Input has a number), or with columns in another order
+    if sum(any(word in head.names or (is_whole(word) and re.search(r"\d", word)) for word in words[i].keys() - {
+            head.names[i], ""}) for i in columns) > 1:
         raise InputError(**explained("stacked"), where=head.where)
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():

@@ -32,6 +32,7 @@ _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYY
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
+_SINCE = 6e8 * SECOND, 2.02e9 * SECOND  # 1989 to 2034: what numbers that are said to count since 1970 may be
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
@@ -355,6 +356,11 @@ class StampReader:
             self._unit = self.form or unit_of(known, self.name)
             if self._unit not in _UNITS and self._unit != "digits":
                 raise InputError(**explained("number_stamps", column=self.name, unit=self._unit), where=self.where)
+            if self._unit.startswith("epoch") and not self.form and (
+                    not _SINCE[0] <= float(np.median(known)) * _UNITS[self._unit][0] < _SINCE[1]
+                    or (np.all(known % 100 < 60) and np.any(np.diff(known) == 41))):  # 0859 is followed by 0900
+                shown = f"{known[0]:.0f}"
+                raise InputError(**explained("digit_stamps", column=self.name, stamp=shown), where=self.where)
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:

@@ -235,8 +235,7 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
         raise MetadataError(f"{key} must be two numbers, not {value!r}", remedy=f"write {key} = [0, 100]")
     low, high = number(value[0], key), number(value[1], key)
     if low > high:
-        raise MetadataError(f"{key} = [{low:g}, {high:g}] is reversed: low must be less than high",
-                            remedy=f"[{high:g}, {low:g}]?")
+        raise MetadataError(**explained("reversed_range", key=key, low=low, high=high))
     if not 0.0 < high - low < float("inf"):
         raise MetadataError(f"{key} = [{low:g}, {high:g}] {'has zero width' if low == high else 'is too wide'}",
                             remedy="give the span: [low, high]")

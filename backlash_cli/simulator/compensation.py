@@ -15,7 +15,7 @@ from ..record import FloatArray, Frozen, Note, Record, SampleState
 from ..results import LoopReport, Verdict
 from ..results.advice import Course
 from ..scanning import scan
-from ..words import noted
+from ..words import explained, noted
 from .controller import Compensator, Controller, Scheme
 from .limit_cycle import limit_cycle
 from .loop import Trace, trace
@@ -94,17 +94,14 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     report = report or scan(record)
     settings = report.settings
     if settings.K is None or settings.Ti is None:
-        raise LoopError("K and Ti are not known", where=record.loop, remedy="give them in loops.toml",
-                        code="missing_settings")
+        raise LoopError(**explained("missing_settings"), where=record.loop)
     d, interval, d_source = size_of(report, dead_band)
     controller = Controller.of(settings)
     known = replace(record, settings=settings)
     simulated, warnings = model_of(known, controller, d, process)
     if (smaller := contradiction(simulated)) is not None:
         if smaller[1] == 0.0:
-            raise LoopError(f"the record fits better without any dead band than with {100 * d:.2f} %",
-                            where=record.loop, code="no_dead_band",
-                            remedy="take a later record, or test the valve: there is nothing to compensate here")
+            raise LoopError(**explained("no_dead_band", d=d), where=record.loop)
         note = noted("smaller_dead_band", smaller=smaller[1], d=d)
         d, interval = smaller[1], (min(smaller[0], interval[0]), smaller[1])
         simulated, more = model_of(known, controller, d, None)
@@ -112,8 +109,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     if d_source == "scan" and report.verdict is Verdict.SUSPECTED:
         warnings = (*warnings, noted("suspected"))
     if simulated.gain * controller.K < 0.0:
-        raise LoopError(f"K = {controller.K:g} and the process gain {simulated.gain:g} make positive feedback",
-                        where=record.loop, remedy="give both the same sign", code="wrong_sign")
+        raise LoopError(**explained("wrong_sign", K=controller.K, gain=simulated.gain), where=record.loop)
     density = density_of(record, controller)
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
@@ -129,9 +125,7 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     found = report.claimed
     if found is None:
         reason = report.reasons[0].message if report.reasons else "no half period could be used"
-        raise LoopError(f"the scan does not see backlash ({report.verdict}: {reason})", where=report.loop,
-                        remedy="give one from a valve test with --dead-band 0.03 (3 % of the output span)",
-                        code="no_dead_band")
+        raise LoopError(**explained("not_seen", verdict=str(report.verdict), reason=reason), where=report.loop)
     return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"
 
 

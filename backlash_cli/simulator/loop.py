@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..effects.shape import Stage
 from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Frozen, Record, SampleState
+from ..words import explained
 from .scenario import Applied, Scenario, Signal, draw_lines, every
 
 UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
@@ -136,9 +137,7 @@ def trace(scenario: Scenario) -> Trace:
                       every(s.sample_seconds, s.step, "sample_time"), setpoint, by_hand, hand, start, rest,
                       UNSTABLE_SPANS, out)
     if reached < samples or not np.all(np.isfinite(out)):
-        raise LoopError(f"the simulated loop is unstable: the measurement ran away after {reached * s.step:g} s",
-                        where=s.name, code="unstable_loop",
-                        remedy="lower K, raise Ti, check the sign of K, or give output limits (low, high)")
+        raise LoopError(**explained("unstable_loop", seconds=reached * s.step), where=s.name)
     measurement, output, valve, process_output, error = out
     return Trace(s, setpoint, measurement, output, valve, process_output, error, by_hand, columns)
 

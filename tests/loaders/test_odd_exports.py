@@ -526,3 +526,81 @@ def test_two_sources_of_one_tag_in_turn_are_refused(tmp_path):
             for stamp, first in zip(STAMPS, values, strict=True) for value in (first, 1.7 * first)]
     with pytest.raises(BacklashError, match="of two sources of a tag leave one out"):
         read(save(tmp_path, "tag,time,value\n" + "\n".join(rows) + "\n"))["FIC101"]
+
+
+@pytest.mark.parametrize(("header", "value"), [("序号,位号,时间,数值,质量", "{k},{tag},{t},{v},好"),
+                                               ("n,Tag,Time,Quantity", "{k},{tag},{t},{v}"),
+                                               ("Tag,Time,Raw,Eng", "{tag},{t},12345,{v}")])
+def test_the_values_of_rows_are_no_row_numbers_and_no_raw_counts(tmp_path, header, value):
+    rows = [value.format(k=k, tag=name, t=iso(stamp), v=cell(name, v))
+            for k, (stamp, name, v) in enumerate(((t, n, v) for n, values in SIGNALS.items()
+                                                  for t, v in zip(STAMPS, values, strict=True)), 1)]
+    equals_the_recording(read(save(tmp_path, "\n".join([header, *rows]) + "\n"))["FIC101"])
+
+
+def test_of_two_unknown_columns_of_numbers_none_is_taken_for_the_values(tmp_path):
+    text = "Tag,Time,Rounded,Exact\n" + "".join(f"{name},{iso(stamp)},{v:.0f},{v}\n" for name, values in SIGNALS.items()
+                                               for stamp, v in zip(STAMPS, values, strict=True))
+    with pytest.raises(InputError, match="Rounded, Exact"):
+        read(save(tmp_path, text))
+
+
+@pytest.mark.parametrize("more", ["", ",FIC300.MODE"])
+def test_the_table_of_another_loop_below_is_refused(tmp_path, more):
+    head, *rows = wide().splitlines()
+    other = [head.replace("FIC101", "FIC300").replace("PIC303", "PIC300") + more,
+             *(row.replace("2026-03-1", "2026-04-1") + ",AUTO" * bool(more) for row in rows)]
+    with pytest.raises(InputError, match="one below the other"):
+        read(save(tmp_path, "\n".join([head, *rows, *other[: 300 if more else None]]) + "\n"))
+
+
+@pytest.mark.parametrize("form", ["%y%m%d%H%M%S", "%Y%m%d%H%M%S000", "%d%m%Y%H%M%S", "%d%m%y%H%M"])
+def test_digits_of_dates_are_no_times_since_1970(tmp_path, form):
+    with pytest.raises(BacklashError, match="--time-format"):
+        read(save(tmp_path, wide(lambda t: (t + (t - STAMPS[0]) * 59 * form.endswith("M")).strftime(form),
+                                 time_name="Time")))["FIC101"]
+
+
+@pytest.mark.parametrize("extra", ["12,5", "7,1"])
+def test_the_decimal_sign_is_that_of_the_signals(tmp_path, extra):
+    head, *rows = wide(delimiter=";").splitlines()
+    text = "\n".join([f"{head};Charge", *(f"{row};{extra}" for row in rows)]) + "\n"
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_exponents_of_fortran_are_no_units(tmp_path):
+    text = wide(value=lambda n, v: f"{v:.6E}".replace("E", "D"))
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+    (tmp_path / "plant.csv").write_text(wide(value=lambda n, v: f"{v / 100:.4f}x10^+02"), encoding="utf-8")
+    with pytest.raises(BacklashError, match="no good numbers"):
+        read(tmp_path / "plant.csv")["FIC101"]
+
+
+def test_a_column_before_the_first_block_of_a_tag_is_passed_over(tmp_path):
+    tags = ["FIC101.PV", *(name for name in SIGNALS if name != "FIC101.PV")]
+    blocks = [f"{n}_NUMERICID,{n}_VALUE,{n}_TIMESTAMP,{n}_QUALITY" for n in tags]
+    rows = [",".join([str(k), *(f"0,{cell(n, SIGNALS[n][k])},{iso(stamp)},192" for n in tags)])
+            for k, stamp in enumerate(STAMPS)]
+    text = "\n".join([",".join(["ID", *blocks]), *rows]) + "\n"
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_a_tag_in_a_file_of_its_own_may_have_further_columns(tmp_path):
+    for name, values in SIGNALS.items():
+        rows = "".join(f"{iso(t)},192,{cell(name, v)},{v - 1:.3f},{v + 1:.3f}\n"
+                       for t, v in zip(STAMPS, values, strict=True))
+        (tmp_path / f"{name}.csv").write_text(f"Time,Quality,Value,Min,Max\n{rows}", encoding="utf-8")
+    (tmp_path / "loops.toml").write_text(SETTINGS, encoding="utf-8")
+    equals_the_recording(read(tmp_path)["FIC101"])
+
+
+@pytest.mark.parametrize(("name", "manual", "auto"), [
+    ("FIC101.MA", "0", "1"), ("FIC101.MODE", "0 - Man", "1 - Auto"), ("FIC101.模式", "手动", "自动"),
+    ("FIC101.Режим", "РУЧ", "АВТ"), ("FIC101.LoopMode", "MAN", "AUTO")])
+def test_modes_in_other_words_and_languages(tmp_path, name, manual, auto):
+    record = read(save(tmp_path, with_column(name, lambda k: manual if 100 <= k < 160 else auto)))["FIC101"]
+    assert (record.state[100:160] == SampleState.MANUAL).all() and record.usable[:100].all()
+
+
+def test_a_value_beside_setpoint_and_output_is_the_measurement(tmp_path):
+    equals_the_recording(read(save(tmp_path, wide(name=lambda n: n.replace("PV", "Значение"))))["FIC101"])

@@ -13,7 +13,7 @@ import pytest
 
 from backlash_cli.errors import InputError
 from backlash_cli.loaders import ReadOptions, read
-from backlash_cli.loaders.sources import Remote, place
+from backlash_cli.places import Remote, place
 from tests.commands.run import run
 from tests.small_plant import write_plant
 
