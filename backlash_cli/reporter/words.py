@@ -85,9 +85,10 @@ def day(epoch: float) -> str | None:
 
 
 def advice(report: LoopReport) -> str:
-    """The compensator advice, or the first reason where there is none, in one line."""
-    if report.compensator is not None:
-        return f"compensate {percent(report.compensator.gain)} by the sign of the error"
+    """What to do about a dead band, or the first reason where there is none to be sure of, in one line."""
+    if report.verdict is Verdict.BACKLASH:
+        gain = report.compensator and f"repair, or compensate {percent(report.compensator.gain)} (by error sign)"
+        return gain or "repair; a compensator is not advised"
     return report.reasons[0].message if report.reasons else ""
 
 

@@ -27,8 +27,12 @@ def test_largest_dead_band_first_then_the_rest():
 def test_a_row_says_size_interval_confidence_count_and_advice():
     row = " ".join(table_rows(to_text(result(report()))))
     assert re.split(r"\s{2,}", row) == [
-        "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "compensate 2.40 % by the sign of the error"
+        "FIC101", "backlash", "3.00", "2.70–3.30", "90 %", "10 of 20", "repair, or compensate 2.40 % (by error sign)"
     ]
+
+
+def test_a_valve_without_compensator_is_to_be_repaired():
+    assert "repair; a compensator is not advised" in " ".join(to_text(result(report(compensator=None))).split())
 
 
 def test_no_backlash_says_what_it_excludes():
