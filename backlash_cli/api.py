@@ -10,6 +10,7 @@ from .errors import MetadataError, UsageError
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
 from .toml_text import read_page
+from .words import explained
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -41,8 +42,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     loops: Any = plant.recipes if isinstance(plant, OpenPlant) else plant
     loops = tuple(loops) if isinstance(loops, Iterable) else (loops,)
     if not all(isinstance(loop, (Record, Recipe)) for loop in loops):
-        raise UsageError(f"scan takes what read returns, or Records, and not {type(plant).__name__}",
-                         remedy="scan(read(table)) for a table in memory, scan_files(path) for files")
+        raise UsageError(**explained("no_plant", given=type(plant).__name__))
     reports, lost = [], []
     for report in analyse(loops, options, jobs=jobs, keep=keep, client=client):
         if isinstance(report, Note):
@@ -92,8 +92,7 @@ def save_model(model: Model, path: str | PathLike[str]) -> None:
         try:
             load_model(path)
         except MetadataError as error:
-            raise UsageError(f"will not replace a file that is no model ({error})", where=str(path),
-                             remedy="choose another name, or mend or remove that file") from None
+            raise UsageError(**explained("no_model_there", problem=error), where=str(path)) from None
     write_text(path, model_text(model))
 
 

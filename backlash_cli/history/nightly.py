@@ -19,7 +19,7 @@ import msgspec
 from ..errors import BacklashError, MetadataError, nearest
 from ..record import Frozen
 from ..toml_text import Page, checked, line_of, parsed, read_page
-from ..words import explained
+from ..words import WORDS, explained
 
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
@@ -83,9 +83,7 @@ def read_config(path: str | Path) -> NightlyConfig:
 
     text, where = read_page(path, "the configuration", f"check the path; {example}"), str(path)
     page = checked(parsed(text, where), NightlyConfig, where, text, remedy=example, hook=beside,
-                   words={"format": "give one of: text, json", "inputs": "give a text in quotes or a list of them",
-                          "scan": "the name of a night's report needs its date and an ending: .html, .json, .csv "
-                                  "or .parquet, for example scans/{date}.html"})
+                   words=WORDS["nightly_file"])
     for key in [key for key in page.reading if key not in READING]:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))

@@ -17,15 +17,14 @@ from ..record import FloatArray, Frozen, IntArray
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
-_UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
+_UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
 # With the point as decimal sign: groups of three digits between separators, all of one kind.
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*(?:\.\d*)?(?:[eE][+-]?\d+)?$")
 _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
-                   r"|^\.?#(?:INF|\w*NAN|IND)", re.IGNORECASE)  # behind a number: it is none (1.#QNAN)
-_FORTRAN = re.compile(r"(?<=\d)[dD](?=[+-]?\d)")  # 3.7D+02
-_NO_UNIT = re.compile(r"^\S{0,4}\s?[+-]\d|10\^|^[-:] ")  # a power of ten in another form, a state (1 - Auto)
+                   r"|^\.?#(?:INF|\w*NAN|IND)|^\S{0,4}\s?[+-]\d|10\^|^[-:] ", re.IGNORECASE)
+# behind a number it is none (1.#QNAN), or a power of ten (3.7x10^+02), or a state (1 - Auto)
 _CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement
 
 
@@ -174,12 +173,11 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     text = text.replace("\u2212", "-")
     if text.endswith("-") and text[0] != "-":  # as 12.5- on business forms
         text = f"-{text[:-1].rstrip()}"
-    text = _FORTRAN.sub("e", text)
     match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
     unit = (match[2] or "").strip() if match else ""
-    if match is None or _FLAG.search(unit) or _NO_UNIT.search(unit):
+    if match is None or _FLAG.search(unit):
         return np.nan, ""
-    digits = match[1].translate({44: ".", 46: ","}) if comma else match[1]
+    digits = match[1].lower().replace("d", "e").translate({44: ".", 46: ","} if comma else {})
     try:
         value = float(_SEPARATED.sub("", digits) if _GROUPED.match(digits) else digits)
     except ValueError:

@@ -41,7 +41,7 @@ from .names import (
 )
 from .options import ReadOptions
 from .sources import is_export, stem_of
-from .times import stamp_kind
+from .times import DOTTED, stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
 BLOCK = 4 << 20  # bytes of text that are handed on at once
@@ -309,6 +309,8 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
             before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
     names = header_of(before, kinds, options, where)
+    kinds = tuple("clock" if kinds.count("time") > 1 and plain(name) in COLUMNS["clock"] and all(
+        DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
     every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [
         c for row in (*data, *tail) for c in row if kind(c) == "number"]

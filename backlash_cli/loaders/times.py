@@ -25,13 +25,14 @@ _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in W
 _NO_DATE: str = WORDS["stamps"]["no_date"]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
-_ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)")  # in the name of a column
+_ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)|\b([A-Z]{3,4})[)\]]?$")  # in the name of a column
 DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
 DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
+DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
 _SINCE = 6e8 * SECOND, 2.02e9 * SECOND  # 1989 to 2034: what numbers that are said to count since 1970 may be
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
@@ -156,7 +157,8 @@ class StampReader:
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         found = _ZONE.search(self.name)  # of stamps without an offset
-        named = timezone(timedelta(minutes=_minutes_east(found[1]))) if found else None
+        east = _minutes_east(found[1] or found[2]) if found else NAT
+        named = timezone(timedelta(minutes=east)) if east != NAT else None
         self._zone = ZoneInfo(options.timezone) if options.timezone else named
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
@@ -215,7 +217,7 @@ class StampReader:
                 clock += np.rint(values * _UNITS[unit][0] / 1000) * 1000
             elif not unit:
                 codes, words = codes_and_words(column.cast(pa.string()))
-                micros, zoned, _ = read_dates(words)
+                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
                 self._zones |= {True} if zoned.any() else set()
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""

@@ -462,7 +462,8 @@ def test_times_in_an_unknown_unit_are_refused_or_told(tmp_path):
     assert any("are taken as seconds" in note.message for record in counted for note in record.notes)
 
 
-@pytest.mark.parametrize(("name", "east"), [("Timestamp (UTC+01:00)", 1.0), ("Time [GMT-5]", -5.0), ("Time UTC", 0.0)])
+@pytest.mark.parametrize(("name", "east"), [("Timestamp (UTC+01:00)", 1.0), ("Time [GMT-5]", -5.0), ("Time UTC", 0.0),
+                                            ("Zeit (MESZ)", 2.0), ("Timestamp CDT", -5.0), ("TIME", 0.0)])
 def test_the_name_of_the_times_may_tell_their_zone(tmp_path, name, east):
     record = read(save(tmp_path, wide(time_name=name)))["FIC101"]
     assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() - 3600.0 * east
@@ -604,3 +605,8 @@ def test_modes_in_other_words_and_languages(tmp_path, name, manual, auto):
 
 def test_a_value_beside_setpoint_and_output_is_the_measurement(tmp_path):
     equals_the_recording(read(save(tmp_path, wide(name=lambda n: n.replace("PV", "Значение"))))["FIC101"])
+
+
+def test_times_of_day_beside_a_date_may_have_dots(tmp_path):
+    text = wide(lambda t: t.strftime("%d/%m/%Y,%H.%M.%S"), time_name="Data,Ora")
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
