@@ -131,8 +131,7 @@ def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool
 
 
 def _spread_evenly(stamps: IntArray, values: FloatArray) -> IntArray | None:
-    """Stamps written too coarsely (to the minute): spread the rows of each stamp evenly, if their number is steady
-    and they are no values of several sources in turn."""
+    """Spread the rows of stamps cut to the minute or so evenly where their number is steady, of one source."""
     unique, counts = np.unique(stamps, return_counts=True)
     if len(unique) < 4:
         return None

@@ -278,6 +278,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     elif loop and signal_role(head.stem):  # FIC101/PV.csv
         home = f"{loop}.{head.stem}"
     stem = undated(head.stem)
+    by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
         place = bisect(begins, i) - 1 if pairs else 0
@@ -287,6 +288,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
         elif only and (not name or head.plain[i] in VALUE or (not tags[i].loop and split_tag(stem).role in SIGNALS)):
             name = stem if split_tag(stem).role in SIGNALS and not split_tag(home).role else home or stem
+        elif by_signal:  # the file, or sheet, of all PV with a column per loop
+            name = f"{name}.{stem}"
         one = of_tag(head, layout, name, i, place)
         if not one.role and i in head.texts and mode_words(head.words(i)) and not any(
                 other.role == "mode" and other.loop == (tags[i].of or one.loop) for other in tags):

@@ -16,9 +16,9 @@ NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ ])+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
-_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)")  # \\SERVER\ or ns=2;s= before a tag
+_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|\.\w+@\w+$")  # \\SERVER\, .UNIT1@NET0
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
-_PIECE = re.compile(r"\s*[\n\[\](){}=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
+_PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
 _DATED = re.compile(r"(?:[ _.-]+(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
                     r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")

@@ -27,8 +27,7 @@ _MENDED = {
 
 
 def form_of(output: Path | None, forms: Mapping[str, str]) -> str:
-    """Return the form that the end of a file's name asks for, the first of `forms` where it has none or another use.
-    Raises UsageError for the ending of a form that there is not."""
+    """Return the form that a file's ending asks for, the first of `forms` without one; UsageError for another."""
     suffix = output.suffix.lower() if output else ""
     if suffix[1:].isalpha() and suffix not in forms:
         raise UsageError(**explained("no_such_form", suffix=suffix, forms=", ".join(forms)), where=f"--output {output}")

@@ -610,3 +610,20 @@ def test_a_value_beside_setpoint_and_output_is_the_measurement(tmp_path):
 def test_times_of_day_beside_a_date_may_have_dots(tmp_path):
     text = wide(lambda t: t.strftime("%d/%m/%Y,%H.%M.%S"), time_name="Data,Ora")
     equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_a_file_of_each_signal_may_have_a_column_per_loop(tmp_path):
+    for role in ("PV", "SP", "OP"):
+        text = "Time,FIC101,PIC303\n" + "".join(
+            f"{iso(stamp)},{SIGNALS[f'FIC101.{role}'][k]},{SIGNALS[f'PIC303.{role}'][k]}\n"
+            for k, stamp in enumerate(STAMPS))
+        (tmp_path / f"{role}_20260317.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "loops.toml").write_text(SETTINGS, encoding="utf-8")
+    plant = read(tmp_path)
+    assert {record.loop for record in plant} == {"FIC101", "PIC303"}
+    equals_the_recording(plant["FIC101"])
+
+
+@pytest.mark.parametrize("form", ["101 <{}.{}> (VDC)", "{}-{}.UNIT1@NET0"])
+def test_names_of_loggers_and_points_of_networks(tmp_path, form):
+    equals_the_recording(read(save(tmp_path, wide(name=lambda n: form.format(*n.split(".")))))["FIC101"])
