@@ -13,7 +13,7 @@ from .names import WORDS, noted
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
 _ONE_IS_BAD = re.compile(r"inv|bad|question|fault", re.IGNORECASE)
-_ONE_IS_MANUAL = re.compile(r"(?:in|is)?man(?:ual)?(?:mode|flag)?|hand", re.IGNORECASE)
+_ONE_IS_MANUAL = re.compile(r"(?:in|is)?man(?:ual)?_?(?:mode|flag|act|active|on)?|hand", re.IGNORECASE)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 

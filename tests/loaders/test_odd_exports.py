@@ -13,6 +13,7 @@ import pytest
 
 from backlash_cli.errors import BacklashError, InputError
 from backlash_cli.loaders import ReadOptions, read
+from backlash_cli.loaders.names import split_tag
 from backlash_cli.record import SampleState
 
 from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
@@ -596,7 +597,8 @@ def test_a_tag_in_a_file_of_its_own_may_have_further_columns(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "manual", "auto"), [
-    ("FIC101.MA", "0", "1"), ("FIC101.MODE", "0 - Man", "1 - Auto"), ("FIC101.模式", "手动", "自动"),
+    ("FIC101.MA", "0", "1"), ("FIC101.ManAct", "1", "0"), ("FIC101.MAN_ON", "TRUE", "FALSE"),
+    ("FIC101.MODE", "0 - Man", "1 - Auto"), ("FIC101.模式", "手动", "自动"),
     ("FIC101.Режим", "РУЧ", "АВТ"), ("FIC101.LoopMode", "MAN", "AUTO")])
 def test_modes_in_other_words_and_languages(tmp_path, name, manual, auto):
     record = read(save(tmp_path, with_column(name, lambda k: manual if 100 <= k < 160 else auto)))["FIC101"]
@@ -627,3 +629,8 @@ def test_a_file_of_each_signal_may_have_a_column_per_loop(tmp_path):
 @pytest.mark.parametrize("form", ["101 <{}.{}> (VDC)", "{}-{}.UNIT1@NET0"])
 def test_names_of_loggers_and_points_of_networks(tmp_path, form):
     equals_the_recording(read(save(tmp_path, wide(name=lambda n: form.format(*n.split(".")))))["FIC101"])
+
+
+@pytest.mark.parametrize("name", ["FIC101.OP mA", "FIC101_OP_mA", "FIC101.OP in mA", "FIC101.OP act"])
+def test_a_unit_behind_a_signal_is_no_signal(name):
+    assert (split_tag(name).loop, split_tag(name).role) == ("FIC101", "op")
