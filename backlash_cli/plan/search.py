@@ -133,8 +133,9 @@ class Subject:
         """For every kind of test the least that decides, or why there is none."""
         makers = {"wait": self._waits, "setpoint_steps": self._setpoint_steps, "manual_test": self._manual_tests}
         # what oscillates goes on as it is, and a step would be lost in its swing
-        return [self._least(makers[kind]()) for kind in self.options.kinds
-                if kind == "manual_test" or self.before is not Verdict.OSCILLATING]
+        found = [self._least(makers[kind]()) for kind in self.options.kinds
+                 if kind == "manual_test" or self.before is not Verdict.OSCILLATING]
+        return [one for one in found if max(one.pv_move or 0.0, one.op_move or 0.0) < 1.0]  # no signal leaves its span
 
     def _waits(self) -> list[Test]:
         h = self.record.interval

@@ -8,7 +8,7 @@ from itertools import groupby, pairwise
 from typing import TYPE_CHECKING
 
 from ..record import LoopSettings, duration
-from ..words import WORDS
+from ..words import WORDS, said
 
 if TYPE_CHECKING:
     from ..results.advice import PlanOption
@@ -41,26 +41,24 @@ def model_words(twin: Twin) -> str:
     p, c = twin.process, twin.controller
     lags = " and ".join(f"{lag:.3g} s" for lag in p.lags) or "none"
     kind = "integrating, gain per second" if p.integrating else "gain"
-    return (f"Simulated: process {kind} {p.gain:.3g}, lag {lags}, dead time {p.dead_time:.3g} s ({twin.source}); "
-            f"controller K {c.K:.3g}, Ti {c.Ti:.3g} s; load and noise as left in the record.")
+    return said("plan:model", kind=kind, gain=p.gain, lags=lags, theta=p.dead_time, source=twin.source, K=c.K, Ti=c.Ti)
 
 
 def chances(option: PlanOption, target: float) -> str:
     """The chances of an option in a sentence, and of what they are the chances."""
     called, cleared, wrongly = (round((share or 0.0) * option.repeats)
                                 for share in (option.power, option.clears, option.false_alarm))
-    return (f"Of {option.repeats} simulated repeats each, a valve with {100 * target:.2g} % dead band is called in "
-            f"{called}, a healthy one cleared in {cleared} and called in {wrongly}.")
+    return said("plan:chances", repeats=option.repeats, target=target, called=called, cleared=cleared, wrongly=wrongly)
 
 
 def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[float, float]) -> str:
     """What to do, what will be seen, and how sure it is, in sentences. limits: how far PV and OP may move [spans]."""
-    s, said = twin.record.settings, chances(option, target)
+    s, chance = twin.record.settings, chances(option, target)
     assert option.duration_s is not None
     if option.kind == "wait":
         if not option.decides:
-            return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {said}"
-        return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {said}"
+            return f"Waiting will not tell: not even {lasting(option.duration_s)} more of the same operation. {chance}"
+        return f"Wait: {lasting(option.duration_s)} more of the same operation, then scan both together. {chance}"
     assert option.move is not None and option.hold_s is not None
     signal, span = ("SP", s.pv_range) if option.kind == "setpoint_steps" else ("OP", s.op_range)
     where = "In automatic" if signal == "SP" else "In manual"
@@ -69,13 +67,13 @@ def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[fl
     ways = ", then ".join(f"{', '.join('up' if step > 0 else 'down' for step in alike)} by {amount(size, span)}"
                           for size, alike in groupby(steps, abs))
     ways += f", {option.rounds} times over" * (option.rounds > 1)
-    test = (f"{where}: step {signal} {ways}, each held for {lasting(option.hold_s)}, "
-            f"{lasting(option.duration_s)} in all, then scan the export with it.")
+    test = said("plan:test", where=where, signal=signal, ways=ways, hold=lasting(option.hold_s),
+                whole=lasting(option.duration_s))
     if option.pv_move is None or option.op_move is None:
-        return f"{test} {said}"
+        return f"{test} {chance}"
     moves = (option.pv_move, s.pv_range, "PV"), (option.op_move, s.op_range, "OP")
     seen = ", ".join(f"{name} by up to {amount(move, span)}" for move, span, name in moves)
     needed = " and ".join(f"--max-{name.lower()}-move {100 * move:.2g}%" for (move, _, name), limit
                           in zip(moves, limits, strict=True) if move > limit)
     beyond = "" if option.within_limits else f" This goes beyond your limits: it needs {needed}."
-    return f"{test} It moves {seen}.{beyond}{'' if option.decides else ' This is not enough to be sure.'} {said}"
+    return f"{test} It moves {seen}.{beyond}{'' if option.decides else ' This is not enough to be sure.'} {chance}"

@@ -8,6 +8,7 @@ import pytest
 from backlash_cli.plan import Move, PlanOptions, plan, search
 from backlash_cli.plan.words import amount
 from backlash_cli.record import LoopSettings, SampleState
+from backlash_cli.reporter.advice import plans
 from backlash_cli.results import Verdict
 from backlash_cli.results.advice import PlanOption
 from backlash_cli.scanning import scan
@@ -57,6 +58,14 @@ def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet, monk
     (option,) = [o for o in found.options if o.kind == "manual_test"]
     assert option.power > 0.0 and not option.within_limits and option.pv_move > 0.001
     assert f"it needs --max-pv-move {100 * option.pv_move:.2g}%." in option.text and "--max-op-move" not in option.text
+
+
+def test_a_test_in_which_a_signal_leaves_its_span_is_not_offered(quiet, monkeypatch):
+    monkeypatch.setattr(search, "ROUNDS", (2,))
+    monkeypatch.setattr(search.Played, "moved", property(lambda played: (9.6, 0.1)))
+    found = plan(quiet, replace(FEW, kinds=("manual_test",)))
+    assert found.options == () and all("within their spans" in text for text in (
+        plans([found], 1).text(), plans([found], 1).page()))
 
 
 def test_a_test_in_manual_takes_half_an_hour_where_rounds_allow_it(planned):
