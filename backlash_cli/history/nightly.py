@@ -113,8 +113,7 @@ class DatedExport(Frozen):
 
 def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14
                  ) -> tuple[list[DatedExport], list[str]]:
-    """Return the exports behind the patterns in the order of their dates, and the names of those more than `look_back`
-    days before the newest.
+    """Return exports in the order of their dates, and the names of those over `look_back` days before the newest.
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
     """

@@ -23,9 +23,11 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
         if given is not None:
             loop = loop.with_values(loop.source[name], **{name: given})
-            if name == "op_range" and signals and (given[0] <= np.fmin.reduce(signals[0]) < np.fmax.reduce(signals[0])
-                                                   <= given[0] + TINY * (given[1] - given[0])):
-                notes.append(noted("op_tiny", share=TINY))
+            if name == "op_range" and signals:
+                low, high = np.fmin.reduce(signals[0]), np.fmax.reduce(signals[0])
+                tiny = given[0] <= low < high <= given[0] + TINY * (given[1] - given[0])
+                if tiny or low > given[1] or high < given[0]:
+                    notes.append(noted("op_tiny" if tiny else "op_outside", share=TINY, low=low, high=high))
             continue
         values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         low, high = _bounds(values)
