@@ -49,8 +49,8 @@ def chances(option: PlanOption, target: float) -> str:
     """The chances of an option in a sentence, and of what they are the chances."""
     called, cleared, wrongly = (round((share or 0.0) * option.repeats)
                                 for share in (option.power, option.clears, option.false_alarm))
-    return (f"Of {option.repeats} simulated repeats each, a valve with {100 * target:.2g} % dead band is called in "
-            f"{called}, a healthy one cleared in {cleared} and called in {wrongly}.")
+    return (f"Of {option.repeats} simulated repeats each a scan finds a dead band of {100 * target:.2g} % in {called}; "
+            f"a healthy valve it clears in {cleared} and calls worn in {wrongly}.")
 
 
 def option_words(option: PlanOption, twin: Twin, target: float, limits: tuple[float, float]) -> str:
