@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 import warnings
+from functools import partial
 from typing import Any
 
 import click
@@ -19,6 +20,7 @@ from .commands.simulate import compensate, effects, paper, plan, simulate
 from .commands.terminal import say
 from .commands.workbench import compare, explain
 from .errors import BacklashError, nearest
+from .reporter.safe import ASKED
 
 # matrices here are tall and narrow: threads of the linear algebra library cost more than they gain
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -34,6 +36,7 @@ class Commands(click.Group):
     def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
         if args and not args[0].startswith("-") and args[0] not in self.commands:
             raise click.UsageError(f"no command '{args[0]}': {nearest(args[0], self.commands)}", ctx)
+        ctx.call_on_close(partial(ASKED.reset, ASKED.set(tuple(args))))
         return super().resolve_command(ctx, args)
 
 

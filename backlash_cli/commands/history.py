@@ -58,7 +58,7 @@ def report(output: Path, **wear: Any) -> None:
     from ..reporter.history_report import write_report
 
     with worn_plant(**wear) as (places, store):
-        write_report(output, places, store.half_periods)
+        write_report(output, places, store.half_periods, str(wear["history"]))
     say(f"report of {counted(len(places), 'loop')} written to {output}")
 
 

@@ -65,7 +65,7 @@ def nightly(config: Path, check: bool) -> int:
                 for path in filter(None, (outputs.report, outputs.trend)):
                     path.parent.mkdir(parents=True, exist_ok=True)
                 if outputs.report is not None:
-                    write_report(outputs.report, places, store.half_periods)
+                    write_report(outputs.report, places, store.half_periods, str(settings.history))
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
                     write_text(outputs.trend, trend(places).json())

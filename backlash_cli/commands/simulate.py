@@ -78,7 +78,7 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
             elif found is not None:
                 plans.append(found)
             step()
-    report = advice.plans(plans, len(plant))
+    report = advice.plans(plans, len(plant), plant.inputs)
     made = {"html": report.page, "text": report.text, "json": report.json, "csv": lambda: advice.plans_csv(plans)}
     put(output, made[form](), counted(len(plans), "plan"))
     return say_failures("not planned", failures)

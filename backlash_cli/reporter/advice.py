@@ -8,24 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..results.advice import Course, LoopPlan, PlanOption
+from ..words import WORDS
+from . import figures
 from .figures import EVIDENCE, GREEN, MEASUREMENT, OUTPUT, QUIET, SETPOINT, Figure, across, axis, figure, trace, written
 from .figures import units as in_units
 from .json_report import fields_of
 from .report import Report
-from .safe import shorten
+from .safe import entitled, shorten
 from .tables import csv_table
 from .words import percent
 
 if TYPE_CHECKING:
     from ..simulator.compensation import CompensationStudy
 
-ADVICE, TEST = (
-    f"This is advice to a person. Nothing {word} written to the control system; whether and {what} is a decision of "
-    "the people who run the plant." for word, what in (("was", "how to try it"), ("is", "when to test a valve")))
-GAINS = ("Gain [%]", "of d", "Mean error", "Peak error", "Valve travel", "OP travel", "Reversals", "Limit cycle")
-KINDS = {"wait": "wait", "setpoint_steps": "setpoint steps", "manual_test": "test in manual", "logging": "logging"}
-COLUMNS = ("loop", "verdict", "target", "kind", "decides", "power", "clears", "false_alarm", "missed", "repeats",
-           "duration_s", "move", "levels", "hold_s", "op_move", "pv_move", "within_limits", "text")
+ADVICE, TEST = WORDS["advice"]["simulated"], WORDS["advice"]["planned"]
+COLUMNS = tuple(WORDS["rows"]["plan"])
 
 
 def compensation(study: CompensationStudy) -> Report:
@@ -42,7 +39,7 @@ def compensation(study: CompensationStudy) -> Report:
             "trials": study.trials, "advice": ADVICE}
 
     return Report("compensate", f"Backlash compensation: {shorten(study.loop, 80)}",
-                  {"study": study, "advice": ADVICE, "columns": GAINS}, document,
+                  {"study": study}, document,
                   lambda: {"gains": _gains(study), "trends": _trends(study)},
                   "Simulated; nothing was written to the control system")
 
@@ -71,9 +68,9 @@ def _trends(study: CompensationStudy) -> Figure | None:
 
 def _gains(study: CompensationStudy) -> Figure:
     x, data = [100.0 * t.gain for t in study.trials], []
-    shown = (("mean error", "iae", MEASUREMENT), ("peak error", "peak", QUIET),
+    lines = (("mean error", "iae", MEASUREMENT), ("peak error", "peak", QUIET),
              ("valve travel", "valve_travel_per_hour", EVIDENCE))
-    for name, key, colour in shown:
+    for name, key, colour in lines:
         first = getattr(study.base, key)
         y = [getattr(t, key) / first if first > 0 else None for t in study.trials]
         data.append(trace(x, y, name, colour, mode="lines+markers", size=6, hover="%{y:.2f}"))
@@ -82,18 +79,18 @@ def _gains(study: CompensationStudy) -> Figure:
         marks.append((100 * study.recommended, "advice", "right", GREEN, "solid"))
     top = min(max(3.0, 1.1 * max((t.iae / study.base.iae for t in study.trials), default=1.0)), 6.0)
     return figure(
-        data, axis("compensator gain [% of output span]"), axis("relative to no compensator", range=[0, top]),
+        data, axis("compensator gain [% of output span]"), axis("times the value without compensator", range=[0, top]),
         height=380, shapes=[across("x", at, colour, width=2, dash=dash) for at, _, _, colour, dash in marks],
         annotations=[written(text, at, 1.0, yref="paper", xanchor=side) for at, text, side, _, _ in marks])
 
 
-def plans(found: Sequence[LoopPlan], loops: int) -> Report:
+def plans(found: Sequence[LoopPlan], loops: int, inputs: Sequence[str] = ()) -> Report:
     """Return every plan, its options one below the other, the ones that decide marked; a sheet for each loop. loops: so
-    many were scanned."""
+    many were scanned. inputs: what was read."""
     told, kept = (sum(any(o.decides and o.within_limits >= w for o in p.options) for p in found) for w in (False, True))
     return Report(
-        "plan", "Test plans",
-        {"plans": found, "told": told, "beyond": told - kept, "loops": loops, "advice": TEST, "kinds": KINDS},
+        "plan", entitled("Test plans", inputs),
+        {"plans": found, "told": told, "beyond": told - kept, "loops": loops},
         lambda: {"advice": TEST, "loops": [{**fields_of(p), "options": [*map(_option, p.options)]} for p in found]},
         lambda: {"sheets": [_sheet(p, f"sheet-{i}") for i, p in enumerate(found)]},
         "Simulated from the records; nothing was written to the control system")
@@ -122,9 +119,10 @@ def _expected(plan: LoopPlan, option: PlanOption) -> Figure | None:
     """PV above, OP below, over minutes from the start of the test."""
     if option.worn is None or option.healthy is None:
         return None
-    lines = [_line(option.worn, option.worn.setpoint, plan.pv_range, "SP", SETPOINT, unit=60.0, dash="dot")]
+    (pv_span, pv_unit), (op_span, op_unit) = figures.shown(plan.pv_range), figures.shown(plan.op_range)
+    lines = [_line(option.worn, option.worn.setpoint, pv_span, "SP", SETPOINT, unit=60.0, dash="dot")]
     for one, name, colour in ((option.healthy, "without play", MEASUREMENT), (option.worn, "with play", EVIDENCE)):
-        lines += [_line(one, one.measurement, plan.pv_range, f"PV {name}", colour, unit=60.0),
-                  _line(one, one.output, plan.op_range, f"OP {name}", colour, unit=60.0, dash="dash", yaxis="y2")]
-    return figure(lines, axis("time from the start of the test [min]"), axis("SP, PV", domain=[0.48, 1.0]),
-                  axis("OP", domain=[0.0, 0.4]), height=420, hovermode="x")
+        lines += [_line(one, one.measurement, pv_span, f"PV {name}", colour, unit=60.0),
+                  _line(one, one.output, op_span, f"OP {name}", colour, unit=60.0, dash="dash", yaxis="y2")]
+    return figure(lines, axis("time from the start of the test [min]"), axis(f"SP, PV [{pv_unit}]", domain=[0.48, 1.0]),
+                  axis(f"OP [{op_unit}]", domain=[0.0, 0.4]), height=420, hovermode="x")

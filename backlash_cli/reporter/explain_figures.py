@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..record import FloatArray, IntArray, LoopSettings
 from ..results import Region, Series, Step
+from ..words import WORDS
 from . import figures as fig
 from .figures import Figure
 from .safe import picture
@@ -34,16 +35,17 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
             regions: Sequence[Region] = ()) -> Figure:
     """Measured PV with the prediction of each model, what each leaves, and OP, on one time axis. models: name -> PV
     (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded."""
-    (low, high), last = settings.pv_range, len(models) - 1
+    ((low, high), pv_unit), (op_span, op_unit) = fig.shown(settings.pv_range), fig.shown(settings.op_range)
     line = partial(fig.over_time, series.time, points=POINTS, digits=DIGITS, connectgaps=False, width=1.4)
     lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"),
              line(series.measured, (low, high), "PV measured", fig.MEASUREMENT),
-             line(series.output, settings.op_range, "OP", fig.OUTPUT, yaxis="y3")]
+             line(series.output, op_span, "OP", fig.OUTPUT, yaxis="y3")]
     for name, values in series.inside.items():  # where the stem is as the model sees it where it does not follow OP
         if not np.allclose(values, series.output, rtol=0.0, atol=1e-9):
-            lines.append(line(values, settings.op_range, "stem (model)" if name == "valve" else plain_name(name),
+            lines.append(line(values, op_span, "stem (model)" if name == "valve" else plain_name(name),
                               fig.STEM, yaxis="y3", dash="dash"))
-    always, rests, reach = len(lines), [series.residual(prediction) for prediction in models.values()], 0.0
+    last, always, reach = len(models) - 1, len(lines), 0.0
+    rests = [series.residual(prediction) for prediction in models.values()]
     for place, ((name, prediction), rest) in enumerate(zip(models.items(), rests, strict=True)):
         colour, left = (STEP_COLOURS[place % len(STEP_COLOURS)],) * 2 if last else (PREDICTED, RESIDUAL)
         look: Figure = {"visible": place in (0, last), "legendgroup": name}
@@ -59,8 +61,8 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
             width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=shade,
             visible=True if region is shaded[0] else "legendonly"))
     band = 2 * noise_floor * (high - low)
-    panels = fig.axis("PV", domain=[0.52, 1.0]), fig.axis("residual", domain=[0.25, 0.46]), fig.axis(
-        "OP", domain=[0.0, 0.19])
+    panels = fig.axis(f"SP, PV [{pv_unit}]", domain=[0.52, 1.0]), fig.axis(
+        "residual [as PV]", domain=[0.25, 0.46]), fig.axis(f"OP [{op_unit}]", domain=[0.0, 0.19])
     if reach:  # a model is often far off in its first seconds; the lines go on beyond the axis
         panels[1]["range"] = [side * 1.5 * max(reach, band) for side in (-1.0, 1.0)]
     layout: Figure = {
@@ -98,12 +100,13 @@ def ladder_bars(steps: Sequence[Step], noise_floor: float) -> Figure:
 def plane(series: Series, settings: LoopSettings) -> Figure:
     """PV against OP, measured and predicted: with play or stiction the path is a leaning box."""
     every = slice(None, None, max(1, len(series.time) // POINTS))
-    op = fig.units(series.output[every], settings.op_range, DIGITS)
-    lines = [fig.trace(op, fig.units(np.where(series.used, values, np.nan)[every], settings.pv_range, DIGITS), name,
+    (pv_span, pv_unit), (op_span, op_unit) = fig.shown(settings.pv_range), fig.shown(settings.op_range)
+    op = fig.units(series.output[every], op_span, DIGITS)
+    lines = [fig.trace(op, fig.units(np.where(series.used, values, np.nan)[every], pv_span, DIGITS), name,
                        colour, width=1, opacity=0.7, hover="OP %{x}, PV %{y}")
              for name, values, colour in (("measured", series.measured, fig.MEASUREMENT),
                                           ("predicted", series.predicted, PREDICTED))]
-    return fig.figure(lines, fig.axis("OP"), fig.axis("PV"), height=440)
+    return fig.figure(lines, fig.axis(f"OP [{op_unit}]"), fig.axis(f"PV [{pv_unit}]"), height=440)
 
 
 def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
@@ -116,23 +119,18 @@ def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: f
     (change,), (steps,) = np.diff(series.output[near], axis=0), np.diff(near, axis=0)
     speed, clock = 100 * np.abs(change) / (np.maximum(steps, 1) * h), (series.time - series.time[0]) / 3600.0
     mean, size, linear = "mean residual", "residual (rms)", "linear"
-    shown: list[tuple[str, str, str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
-        ("Time since OP turned", "time since OP turned [s]", linear, mean,
-         "Play or stiction: of opposite sign after turns up and down, largest soon after the turn.",
-         lambda r: {f", OP turned {word}": binned(since * h, r, early & (upward == up), even=True)
-                    for up, word in ((1, "up"), (-1, "down"))}),
-        ("Level of OP", "OP [% of span]", linear, mean, "A curved valve bends this line; a stop tilts one of its ends.",
-         lambda r: {"": binned(100 * series.output, r)}),
-        ("Speed of OP", "|dOP/dt| [% of span per s]", linear, size,
-         "A slow actuator: the error grows with the speed of OP.", lambda r: {"": binned(speed, r)}),
-        ("Time of the record", "time [h]", linear, mean, "Load steps make jumps here, a drifting load a slope.",
-         lambda r: {"": binned(clock, r, even=True, bins=3 * BINS)}),
-        ("Period", "period [s]", "log", size, "A peak is a swing from outside; noise alone is level.",
-         lambda r: {"": spectrum(r, h)})]
+    shown: list[tuple[str, str, str, Callable[[FloatArray], dict[str, Binned]]]] = [
+        ("turned", linear, mean, lambda r: {
+            f", OP turned {word}": binned(since * h, r, early & (upward == up), even=True)
+            for up, word in ((1, "up"), (-1, "down"))}),
+        ("level", linear, mean, lambda r: {"": binned(100 * series.output, r)}),
+        ("speed", linear, size, lambda r: {"": binned(speed, r)}),
+        ("time", linear, mean, lambda r: {"": binned(clock, r, even=True, bins=3 * BINS)}),
+        ("period", "log", size, lambda r: {"": spectrum(r, h)})]
     colours = [PREDICTED] if len(predictions) == 1 else [fig.QUIET, STEP_COLOURS[2]]
     looks, found = (("solid", "circle"), ("dash", "circle-open")), []
-    for title, x_label, scale, y_label, note, curves in shown:
-        lines = []
+    for name, scale, y_label, curves in shown:
+        (title, x_label, note), lines = WORDS["causes"][name], []
         for (model, prediction), colour in zip(predictions.items(), colours, strict=True):
             parts = curves(series.residual(prediction)).items()
             for (part, (x, *ys)), (dash, symbol) in zip(parts, looks, strict=False):

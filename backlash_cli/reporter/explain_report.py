@@ -8,10 +8,12 @@ from typing import Any
 from ..errors import UsageError
 from ..record import Frozen, Note
 from ..results import Comparison, Explanation, PlantExplanation
+from ..words import WORDS
 from . import explain_figures as figures
 from . import json_report
 from .figures import axis, figure
 from .report import Report
+from .safe import counted, entitled
 from .still import still, write_still
 from .tables import csv_table
 from .templates import sentence
@@ -19,9 +21,7 @@ from .words import error_size, plain_name, rung, said_numbers, several
 
 DPI = 80
 SILENT = ("too_little_motion", "not_explained")
-COLUMNS = ("loop", "missing_effect", "effects", "numbers", "rmse_baseline", "rmse_final", "noise_floor",
-           "error_reduction", "unexplained", "look_alikes", "gap_small", "no_gap", "no_gap_because", "verdict",
-           "warnings", "failure")
+COLUMNS = tuple(WORDS["rows"]["effects"])
 
 
 def judged(found: Comparison | Explanation) -> Report:
@@ -88,7 +88,7 @@ class Tally(Frozen):
     @property
     def words(self) -> str:
         """The reasons; those of whole loops are told once (`silent` of the sentences)."""
-        return "; ".join(f"{k} {sentence('why', code)}" for code, k in self.why.items() if code not in SILENT)
+        return "; ".join(f"{sentence('why', code)} ({k})" for code, k in self.why.items() if code not in SILENT)
 
 
 def tallies(plant: PlantExplanation) -> list[Tally]:
@@ -162,6 +162,6 @@ def summary(plant: PlantExplanation) -> Report:
                 "loops": [json_report.judged(x) for x in plant.loops],
                 "failures": plant.failures, "warnings": [Note(n.code, n.message) for n in plant.warnings]}
 
-    return Report("effects", "Missing effects", content, document, lambda: {
-        "bars": figure([bars], axis("loops"), height=140 + 32 * len(found)) if found else None},
-                  f"{len(plant.loops)} loops")
+    return Report("effects", entitled("Missing effects", plant.inputs), content, document, lambda: {
+        "bars": figure([bars], axis("number of loops"), height=140 + 32 * len(found)) if found else None},
+                  counted(len(plant.loops), "loop"))

@@ -23,7 +23,7 @@ STEM = "#0b8a9e"
 GREEN = "#2a9d5c"
 COLOURS = {"bad": EVIDENCE, "warn": OUTPUT, "watch": MEASUREMENT, "good": GREEN, "quiet": QUIET}  # by mark
 Figure = dict[str, Any]
-DATES: Figure = {"type": "date"}
+DATES: Figure = {"type": "date", "title": {"text": "time (UTC)"}}
 
 
 def figure(data: Sequence[Figure], x: Figure, *panels: Figure, **layout: Any) -> Figure:
@@ -89,7 +89,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
         marked[first:last] = part.measurement[first:last]
     if np.isfinite(marked).any():
         lines.append(line(marked, pv_span, "PV in the half periods used", EVIDENCE, width=3))
-    panels, layout = [axis(f"SP, PV ({pv_unit})")], {"hovermode": "x"}  # type: list[Figure], Figure
+    panels, layout = [axis(f"SP, PV [{pv_unit}]")], {"hovermode": "x"}  # type: list[Figure], Figure
     if room is not None and used:
         beside, length, notes = part.time[0], part.time[-1] - part.time[0] or 1.0, []
         for e in used:  # where they were made, those left out that would hide each other
@@ -112,7 +112,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
                 across("x", (ms(part.time[first]), ms(part.time[last])), STEM, opacity=0.16, layer="below",
                        legendgroup="still", name="stem stands still in the gap", showlegend=number == 0)
                 for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
-        panels = [panels[0] | {"domain": [0.42, 1.0]}, axis(f"OP ({op_unit})", domain=[0.0, 0.36])]
+        panels = [panels[0] | {"domain": [0.42, 1.0]}, axis(f"OP [{op_unit}]", domain=[0.0, 0.36])]
         layout["height"] = 480
     return figure(lines, DATES, *panels, **layout)
 
@@ -148,7 +148,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
 
     lines = [path(record.output[every], record.measurement[every], "whole record", QUIET, mode="markers", size=3),
              path(means(near.output, 150), means(near.measurement, 150), "close look", EVIDENCE)]
-    d, y_axis = size(report), axis(f"PV ({pv_unit})")
+    d, y_axis = size(report), axis(f"PV [{pv_unit}]")
     if d is not None and np.isfinite(record.measurement).any() and np.isfinite(record.output).any():
         for (op, pv), name, dash in zip(flanks(near, d) or (), ("valve opening", "valve closing"), ("dash", "dot"),
                                         strict=False):
@@ -160,7 +160,7 @@ def plane(record: Record, window: slice, report: LoopReport, points: int = POINT
         lines.append(path(gap, np.full(3, 1.12 * low - 0.12 * high), "", STEM, mode="lines+text", width=4,
                           showlegend=False, text=["", f"dead band {percent(d)}", ""], textposition="top center",
                           hoverinfo="skip"))
-    return figure(lines, axis(f"OP ({op_unit})"), y_axis, height=420)
+    return figure(lines, axis(f"OP [{op_unit}]"), y_axis, height=420)
 
 
 def flanks(near: Record, size: float) -> list[tuple[FloatArray, FloatArray]] | None:
@@ -201,28 +201,28 @@ def estimates(report: LoopReport) -> Figure:
         upright["range"] = [0, 1.25 * top]
     if not report.estimates:
         layout["annotations"] = [written("no half period was long enough", 0.5, 0.5, xref="paper", yref="paper")]
-    return figure(groups, DATES, upright, **layout)
+    return figure(groups, DATES, upright, showlegend=True, **layout)
 
 
 def profile(report: LoopReport) -> Figure:
     """Evidence for each size of dead band, from the test of PV against OP through a dead band of that size."""
-    c = report.confirmation
+    c, best = report.confirmation, "best size tried" if size(report) is None else "size found"
     assert c is not None
     tried = {round(100 * d, 4): evidence for d, evidence in c.profile if d > 0.0}
     x = [*tried]
     line = trace(x, [*tried.values()], "", MEASUREMENT, mode="lines+markers", size=5, showlegend=False,
                  hover="%{x} %: %{y:.3g}")
     shapes = [across("x", (100 * c.ci95[0], 100 * c.ci95[1]), EVIDENCE),
-              across("x", 100 * c.d, EVIDENCE, width=2, name=f"PV against OP: {percent(c.d)}")]
+              across("x", 100 * c.d, EVIDENCE, width=2, name=f"{best}: {percent(c.d)}")]
     if used := [e.d for e in report.estimates if e.accepted and math.isfinite(e.d)]:
         middle = float(np.median(used))
         shapes.append(across("x", 100 * middle, SETPOINT, width=2, dash="dot",
-                             name=f"half periods, median: {percent(middle)}"))
+                             name=f"half periods used, median: {percent(middle)}"))
     if (limit := c.limit_of_detection) is not None and x and min(x) < 100 * limit <= 100 * c.d:
         shapes.append(across("x", (min(x), 100 * limit), QUIET, name="too small to see"))
     ticks = [s for s in SIZES if x and min(x) <= s <= max(x)]
     return figure([line], axis("dead band tried [% of OP span]", type="log", tickvals=ticks),
-                  axis("evidence (log likelihood)"), shapes=shapes)
+                  axis("better prediction [points: log likelihood]"), shapes=shapes)
 
 
 def close_look(record: Record, report: LoopReport) -> slice:
@@ -296,7 +296,7 @@ def digits(values: FloatArray) -> list[float]:
 def shown(span: tuple[float, float]) -> tuple[tuple[float, float], str]:
     """The span that is shown, and words for its axis: per cent where no engineering range is known."""
     span = (0.0, 100.0) if span == (0.0, 1.0) else span
-    return span, "%" if span == (0.0, 100.0) else f"span {span[0]:g}–{span[1]:g}"
+    return span, "%" if span == (0.0, 100.0) else f"span {span[0]:g} to {span[1]:g}"
 
 
 def ms(epoch: float) -> int:
@@ -340,9 +340,11 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
                           hover=f"{tick} %{{x:.2f}} %<extra></extra>"))
         data[-1]["marker"]["line"] = {"width": 3}
     sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
-    if times := [t for row in rows for t, _ in row.last]:
+    times = [t for row in rows for t, _ in row.last]
+    if len({*times}) > 1:
         sizes["domain"] = [0.0, 0.6]
-        weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False}}
+        weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False,
+                                   "title": {"text": "the last weeks"}}}
         last, limits = ([], []), ([], [])  # type: tuple[list[Any], list[Any]], tuple[list[Any], list[Any]]
         for k, row in enumerate(rows):  # a small line per loop within its row, as high as its size over its limit
             top = 1.2 * max([row.tick or 0.0, *(size for _, size in row.last)])

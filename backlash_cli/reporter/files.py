@@ -11,19 +11,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from ..errors import BacklashError, UsageError
-from ..words import explained
+from ..words import WORDS, explained
 
 LEFT_BEHIND = 86400.0  # seconds; no run takes a day to write one file
-_MENDED = {
-    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), ("the disk is full", "free some space, or write to another disk")),
-    **dict.fromkeys((errno.EACCES, errno.EPERM), ("no permission to write there", "choose another place")),
-    errno.EROFS: ("the disk is read-only", "choose another place"),
-    errno.ENOENT: ("the folder does not exist", "make the folder first, or choose another folder"),
-    errno.ENOTDIR: ("a part of the path is a file, not a folder", "choose another place"),
-    errno.EEXIST: ("there is a file of that name, not a folder", "choose another place"),
-    errno.EISDIR: ("this is a folder, not a file", "give the name of a file"),
-    errno.ENAMETOOLONG: ("the name is too long", "choose a shorter name"),
-}
 
 
 def form_of(output: Path | None, forms: Mapping[str, str]) -> str:
@@ -92,7 +82,8 @@ def _told(path: str | os.PathLike[str]) -> Iterator[None]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        what, remedy = _MENDED.get(error.errno or 0, (error.strerror or str(error), "choose another place"))
+        what, remedy = WORDS["cannot_write"].get(errno.errorcode.get(error.errno or 0, ""), (
+            error.strerror or str(error), "choose another place"))
         raise BacklashError(f"cannot write: {what}", where=str(path), remedy=remedy, code="cannot_write") from error
 
 

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
 from ..results import Compensator, Estimate, Verdict
 from ..results.history import DAY, Night, Place, Repair, Segment, Wear
 from . import figures as fig
@@ -14,7 +13,7 @@ from .figures import Figure
 from .json_report import fields_of
 from .page import is_page
 from .report import LoopPart, Report
-from .safe import picture
+from .safe import entitled, picture
 from .templates import lines, screen, sentence
 from .words import TITLES, day
 
@@ -77,16 +76,18 @@ def growth(now: Segment | None) -> float | None:
     return 30 * now.slope if now is not None and now.growing and now.slope is not None else None
 
 
-def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods) -> None:
+def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods, history: str = "") -> None:
     """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
-    old report stays until the new one is whole. half_periods: gives those of a loop in so many last days."""
+    old report stays until the new one is whole. half_periods: gives those of a loop in so many last days. history: its
+    name."""
     single = is_page(output)
     times = [n.time for p in places for n in p.wear.nights]
     first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
     content = {"places": places, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,
                "cut": DRAWN * (single and len(places) > DRAWN), "weeks": WEEKS, "marks": MARKS, "growth": growth}
-    Report("wear", "Valve wear report", content, drawn=lambda: {"picture": plant_picture(places[:RANKED])},
-           subtitle=sentence("made", len(places), first, last, __version__, len({*map(day, times)})), loops=lambda: [
+    Report("wear", entitled("Valve wear report", [history] * bool(history)), content,
+           drawn=lambda: {"picture": plant_picture(places[:RANKED])},
+           subtitle=sentence("made", len(places), first, last, len({*map(day, times)})), loops=lambda: [
         LoopPart(p.loop, MARKS[p.action], sentence("brief_wear", p), "wear_loop.html",
                  partial(_loop, p, half_periods, not single or p.rank <= DRAWN))
         for p in places]).write(output, (places, [n.digest for p in places for n in p.wear.nights]))
@@ -131,8 +132,8 @@ def _wear_figure(wear: Wear) -> Figure:
         lines += _band(path, "wear", shown=number == 0, width=3)  # the level between repairs
     if wear.forecast:  # what comes if it goes on, to the limit or as far as the figure goes
         lines += _band(wear.forecast, "if it goes on", dash="dot", width=2)
-    lines.append(fig.trace([fig.ms(min(times)), fig.ms(max(times))], [limit, limit], f"limit {limit:.2g} %", fig.OUTPUT,
-                           dash="dash", width=2, hoverinfo="name", hover=""))
+    lines.append(fig.trace([fig.ms(min(times) - DAY), fig.ms(max(times) + DAY)], [limit, limit],
+                           f"limit {limit:.2g} %", fig.OUTPUT, dash="dash", width=2, hoverinfo="name", hover=""))
     words = [fig.written(picture("repair found" if r.found else f"repair: {r.note}" if r.note else "repair", 30),
                          fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
              for r in wear.repairs]

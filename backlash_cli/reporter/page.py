@@ -20,8 +20,9 @@ from typing import Any
 import msgspec
 from markupsafe import Markup
 
+from .._version import __version__
 from .files import make_folder, write_text
-from .safe import file_names
+from .safe import asked, file_names
 from .templates import environment
 
 BACK: Mapping[str, Any] = {"plotly_file": "plotly.js", "back": ("../index.html", "All loops")}  # of a folder's pages
@@ -54,7 +55,7 @@ def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = ""
     return environment("html").get_template("page.html").render(
         title=title, subtitle=subtitle, body=body, style=style, script=script, allowed=" ".join(allowed), back=back,
         figures=_packed(f"[{','.join(figures)}]") if figures else "", plotly=library and _packed_plotly(),
-        plotly_file=plotly_file if figures else "")
+        plotly_file=plotly_file if figures else "", version=__version__, asked=asked())
 
 
 @cache

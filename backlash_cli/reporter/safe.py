@@ -7,9 +7,15 @@ one of these functions (pages escape by themselves).
 import hashlib
 import html
 import re
+import shlex
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
+from pathlib import PurePath
 
+from ..errors import some
+
+ASKED: ContextVar[Sequence[str]] = ContextVar("ASKED", default=())  # the words of the command line, none from Python
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\x1b": "\\e"}
 _FORMULA = tuple("=+-@|%\t\r\n＝＋－＠")
 _RESERVED = {"con", "prn", "aux", "nul", *(f"com{i}" for i in range(10)), *(f"lpt{i}" for i in range(10))}
@@ -58,6 +64,19 @@ def spreadsheet(value: object) -> object:
         return value
     cleaned = _visible(value, kept="\t\r\n")
     return "'" + cleaned if cleaned.lstrip(" \u00a0\u3000").startswith(_FORMULA) else cleaned
+
+
+def asked() -> str:
+    """Return the command line as a page may tell it: without what an address holds before @ and behind ?, which may be
+    a password."""
+    words = (re.sub(r"://(?:[^/@]*@)?([^?]*).*", r"://\1", word) for word in ASKED.get())
+    return terminal(shlex.join(["backlash", *words]), 400) if ASKED.get() else ""
+
+
+def entitled(title: str, inputs: Iterable[str]) -> str:
+    """Return a title with the names of the files that the page is about, e.g. 'Test plans: plant.csv'."""
+    names = [PurePath(name.partition("?")[0]).name or name for name in inputs]
+    return f"{title}: {terminal(some(names, 2), 120)}" if names else title
 
 
 def picture(text: object, limit: int = 80) -> str:

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .._version import __version__
 from ..errors import UsageError, nearest
 from ..record import Note, Record
 from ..results import UNDECIDED, LoopReport, ScanResult, Verdict
@@ -19,7 +18,7 @@ from .files import form_of, make_folder, replacing, write_text
 from .json_report import json_parts
 from .page import is_page
 from .report import LoopPart, Report
-from .safe import file_names
+from .safe import entitled, file_names
 from .tables import columns_of, csv_parts, to_dataframe
 from .templates import sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
@@ -108,8 +107,9 @@ def scanned(result: ScanResult, records: Mapping[str, Record], *, folder: bool =
     content = {"result": result, "reports": reports, "shown": shown, "cut": cut, "kinds": kinds, "colours": _COLOURS,
                "said": ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v]),
                "undecided": sum(counts[v] for v in UNDECIDED)}
-    return Report("scan", "Dead band report", content, drawn=lambda: {"picture": plant_picture(shown)},
-                  subtitle=sentence("made", len(reports), first, last, __version__), loops=lambda: [
+    return Report("scan", entitled("Dead band report", result.inputs), content,
+                  drawn=lambda: {"picture": plant_picture(shown)},
+                  subtitle=sentence("made", len(reports), first, last), loops=lambda: [
         LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
                  partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
         for place, r in enumerate(reports)])

@@ -37,7 +37,7 @@ STYLE: Any = {
 
 def loop_figure(record: Record, report: LoopReport) -> Picture:
     """Return the evidence of one loop: the whole record on top; below a close look with the stretches where the stem
-    stands still, PV against OP with the dead band, and the evidence for each size."""
+    stands still, PV against OP with the dead band, and which size fits best."""
     record = figures.known_part(record)
     window, confirmed = figures.close_look(record, report), report.confirmation
     words = f"{report.loop}: {VERDICTS[report.verdict]}"
@@ -46,9 +46,9 @@ def loop_figure(record: Record, report: LoopReport) -> Picture:
     below = [("close look", figures.trend(record, report, window, POINTS, room=0.06))]
     if record.output is not None:
         below.append(("PV against OP (red: close look)", figures.plane(record, window, report, points=4000)))
-    below.append(("evidence for each size of dead band", figures.profile(report))
+    below.append(("which size fits best", figures.profile(report))
                  if confirmed is not None and len(confirmed.profile) > 2 else
-                 ("estimates from the half periods", figures.estimates(report)))
+                 ("sizes from half periods", figures.estimates(report)))
     return still(words, [[("", figures.trend(record, report, points=POINTS, room=0.016))], below], (1.2, 1.0), SIZE)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import UsageError, nearest
 from ..results import LoopReport, ScanResult
 from ..results.history import Night, day_of
+from ..words import WORDS
 from .files import replacing
 from .json_report import loop, strict
 from .safe import spreadsheet
@@ -20,25 +21,9 @@ from .safe import spreadsheet
 if TYPE_CHECKING:
     import pandas as pd
 
-# name -> kind (text, number, count, time, flag), and place in a loop of the JSON document where it is not the name;
-# the same columns in every report, also an empty one
-LOOP_COLUMNS = {
-    "loop": "text", "verdict": "text", "confidence": "number", "d": "number cluster.d",
-    "d_low": "number cluster.ci95.0", "d_high": "number cluster.ci95.1", "spread": "number cluster.spread",
-    "cluster_share": "number cluster.share",
-    "limit_of_detection": "number cluster.limit_of_detection", "confirmed_d": "number confirmation.d",
-    "error_reduction": "number confirmation.error_reduction", "delta_bic": "number confirmation.delta_bic",
-    "compensator_gain": "number compensator.gain", "compensator_scheme": "text compensator.scheme",
-    "detections": "count", "half_periods": "count", "long_half_periods": "count", "detection_rate": "number",
-    "detections_per_hour": "number", "start": "time", "end": "time", "samples": "count", "interval_s": "number",
-    **{name: f"number settings.{name}" for name in ("K", "Ti", "Td", "Kp", "theta")},
-    "settings_source": "text settings.source", "reasons": "text", "warnings": "text",
-}
-ESTIMATE_COLUMNS = {
-    "loop": "text", "start": "time", "end": "time", "dt_s": "number", "dy": "number", "e_max": "number",
-    "d": "number", "direction": "count", "accepted": "flag", "why": "text",
-}
-TABLES = {"loops": LOOP_COLUMNS, "estimates": ESTIMATE_COLUMNS}
+# table -> column -> kind (text, number, count, time, flag), and place in a loop of the JSON document where that is not
+# its name; the same columns in every report, also an empty one
+TABLES: dict[str, dict[str, str]] = WORDS["columns"]
 HISTORY_TABLES = ("nights", "half_periods", "repairs", "runs")
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
@@ -54,7 +39,7 @@ def _rows(r: LoopReport, table: str) -> list[list[Any]]:
     if table == "estimates":
         return [[strict(r.loop), *row.values()] for row in strict(r.estimates)]
     document = loop(replace(r, estimates=()))
-    return [[_at(document, (kind.split()[1:] or [name])[0]) for name, kind in LOOP_COLUMNS.items()]]
+    return [[_at(document, (kind.split()[1:] or [name])[0]) for name, kind in TABLES["loops"].items()]]
 
 
 def _at(document: Any, place: str) -> Any:

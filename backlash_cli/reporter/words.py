@@ -9,6 +9,7 @@ from operator import itemgetter
 
 from ..record import LoopSettings
 from ..results import Explanation, FittedEffect, FittedParameter, LoopReport, Region, Step, Verdict
+from ..words import WORDS
 from .json_report import iso_time
 from .safe import counted, terminal
 
@@ -16,20 +17,13 @@ from .safe import counted, terminal
 VERDICTS = {**{verdict: verdict.replace("_", " ") for verdict in Verdict}, Verdict.INSUFFICIENT_DATA: "too little data",
             Verdict.ERROR: "not analysed"}
 MARKS = dict(zip(VERDICTS, ("bad", "warn", "good", "warn", "quiet", "quiet", "bad"), strict=True))
-TITLES = {"pull": "Pull at the next shutdown", "room": "Pull if there is room", "watch": "Watch",
-          "leave": "Leave alone", "check": "Check loop and data"}  # of what to do with a valve, and the same in short
-TO_DO = {"pull": "pull", "room": "pull if room", "watch": "watch", "leave": "leave alone", "check": "check"}
+TITLES, TO_DO = WORDS["titles"], WORDS["to_do"]  # of what to do with a valve, and the same in short
 WORSE = 1.15  # share of the error over share of the time, from which a region is worth a line
 SHOWN_EVENTS = 6  # of many times or sizes, before "and N more"
 A_DATE = 1e8  # epoch seconds (1973); a record that counts its seconds from zero stays below
 UNKNOWN = 1e4  # an interval this many times wider than its value says nothing
 FASTEST = 10.0  # spans per second: no valve is that fast, so that nothing limits it
 SWITCH = "0 or 1"  # unit of a parameter that is on or off
-_UNITS = {  # unit of a parameter -> factor to what is shown, and its words; {}: whose span
-    **dict.fromkeys(("span", "OP span", "PV span"), (100.0, " % of {} span")), "1/h": (100.0, " % per hour"),
-    "OP span/h": (100.0, " % of {} span per hour"), "1/s": (100.0, " % of {} span per second"),
-    "OP span per column unit": (100.0, " % of {} span per unit of the column"), "s": (1.0, " s"), "1": (1.0, ""),
-    "": (1.0, "")}
 
 
 def by_size(reports: Sequence[LoopReport]) -> list[LoopReport]:
@@ -110,8 +104,8 @@ def plain_name(effect: str) -> str:
 
 
 def rung(step: Step) -> str:
-    """What a step of the ladder added: 'baseline', '+ dead time'."""
-    return "baseline" if step.added is None else f"+ {plain_name(step.added)}"
+    """What a step of the ladder added: 'plain model', '+ dead time'."""
+    return "plain model" if step.added is None else f"+ {plain_name(step.added)}"
 
 
 def effect_name(effect: str, e: Explanation) -> str:
@@ -148,9 +142,9 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
     if p.unit == SWITCH:
         return "yes" if p.value else "no"
     whose = "PV" if p.unit == "PV span" or (stage == "sensor" and not p.unit.startswith("OP")) else "OP"
-    scale, unit = _UNITS.get(p.unit, (1.0, f" {p.unit}"))
+    scale, unit = WORDS["units"].get(p.unit, (1.0, f" {p.unit}"))
     short = unit.replace(" of {} span", "")
-    low, high = (scale * end for end in p.ci95) if p.ci95 else (math.nan, math.nan)  # type: ignore[operator]
+    low, high = (scale * end for end in p.ci95) if p.ci95 else (math.nan, math.nan)
     value, width = scale * p.value, high - low
     shown = f"{value:.{_digits(value, math.nan if brief else width)}f}" if value else "0"
     if brief:

@@ -195,7 +195,8 @@ def test_a_loops_file_names_the_class_of_a_limit(capfd, db, tmp_path):
 
 def test_report_as_a_file_and_as_a_folder(capfd, db, tmp_path):
     assert run(capfd, "report", "--history", db, "-o", tmp_path / "w.html").status == 0
-    assert "Valve wear report" in (tmp_path / "w.html").read_text()
+    page = (tmp_path / "w.html").read_text()
+    assert f"<h1>Valve wear report: {db.name}</h1>" in page and "<code>backlash report --history " in page
     assert run(capfd, "report", "--history", db, "-o", tmp_path / "w").status == 0
     first = files(tmp_path / "w")
     assert {name.split("/")[-1] for name in first} == {"index.html", "plotly.js", "FIC101.html", "FIC102.html",

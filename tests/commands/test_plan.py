@@ -46,6 +46,7 @@ def test_text_json_csv_and_sheets_say_the_same(capfd, tmp_path, kept):
         assert " ".join(option["text"].split()) in " ".join(text.split())
     done = run(capfd, *few, "-o", tmp_path / "sheets.html")
     page = (tmp_path / "sheets.html").read_text("utf-8")
+    assert "<h1>Test plans: " in page and "<code>backlash plan " in page and "sheets.html</code>" in page
     assert done.status == 0 and 'id="sheet-0"' in page and "Nothing is written to the control system" in page
     assert "<th scope=\"col\">Round</th>" in page  # a line for each round, with room for what is read
     assert ">0:00:00</td>" in page and re.search(r">\d+:[0-5]\d:[0-5]\d</td>\s*<td", page.split(">0:00:00</td>")[1])

@@ -59,7 +59,9 @@ def test_estimates_as_a_table(capfd, plant):
 
 def test_html_to_a_file_and_to_a_folder(capfd, plant, tmp_path):
     assert run(capfd, "scan", plant, "--output", tmp_path / "r.html").status == 0
-    assert (tmp_path / "r.html").read_text().startswith("<!doctype html>")
+    page = (tmp_path / "r.html").read_text()
+    assert page.startswith("<!doctype html>") and f"<h1>Dead band report: {plant.name}</h1>" in page
+    assert f"<code>backlash scan {plant} --output {tmp_path / 'r.html'}</code>" in page
     assert run(capfd, "scan", plant, "--format", "html", "--output", tmp_path / "pages").status == 0
     assert len(list((tmp_path / "pages").rglob("*.html"))) == 1 + len(TRUTH)
 

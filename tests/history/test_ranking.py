@@ -1,10 +1,12 @@
 """The order of repair: groups by the rule, order within them, and a reason in words for each place."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from backlash_cli.history.plant import rank
 from backlash_cli.history.store import night_of, night_row
 from backlash_cli.history.trend import wear
+from backlash_cli.record import Note
 from backlash_cli.reporter.templates import lines
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit
@@ -40,7 +42,7 @@ def test_every_group_has_its_kind_of_loop():
     assert all(p.why and all(words.endswith(".") for words in p.why) for p in found.values())
     assert "1.7 times the limit of 3 % (rule of practice)" in found["SURE"].why[0]
     assert any("reaches the limit about" in words for words in found["GROWS"].why)
-    assert found["QUIET"].why == ("14 of the last 14 nights saw no dead band.",)
+    assert found["QUIET"].why == ("No dead band was seen in 14 of the last 14 nights.",)
     assert "made" in found["BLIND"].why[0]
 
 
@@ -71,6 +73,21 @@ def test_recent_silence_outweighs_old_sizes():
 def test_a_loop_that_oscillates_is_a_case_for_the_control_engineer():
     found = places({"A": [made(k, None, verdict=Verdict.OSCILLATING, lod=None) for k in range(10)]})["A"]
     assert found.action == "check" and "oscillated in 10 of the last 10 nights" in found.why[0]
+
+
+def test_nights_without_a_size_are_told_in_words_and_in_the_singular():
+    def blind(day):
+        return replace(made(day, None, verdict=Verdict.CANNOT_TELL, lod=None),
+                       reasons=(Note("not_separable", "a trace of 0.92 %"),))
+
+    found = places({"A": [blind(0), blind(1)], "B": [blind(0)],
+                    "C": [made(0, None, verdict=Verdict.OSCILLATING, lod=None)]})
+    assert found["A"].why[0] == found["B"].why[0] == "No night gave an answer: a trace of 0.92 %."
+    assert found["C"].why[0] == "The loop oscillated in the one night that there is, so its dead band has no size."
+    assert lines("remarks", found["B"].wear) == ["1 of 1 night without a size."]
+    mixed = places({"A": [*steady(0.05), blind(30)]})["A"]
+    assert "1 of 31 nights without a size: a trace of 0.92 %." in lines("remarks", mixed.wear)
+    assert any("% sure over 14 nights" in words for words in mixed.why)
 
 
 def test_nothing_to_rank():

@@ -161,6 +161,30 @@ def test_a_browser_that_cannot_unpack_says_so_and_shows_the_numbers(browser, pag
         browser.call("Page.removeScriptToEvaluateOnNewDocument", identifier=old["identifier"])
 
 
+MESSAGE = "getComputedStyle(document.querySelector('%s'), '::before')"
+
+
+def test_figures_below_the_window_and_in_folded_loops_show_no_message(browser, page, tmp_path):
+    browser.open(page)
+    assert browser.evaluate("document.querySelectorAll('details .plot:empty').length") > 0
+    assert browser.evaluate(MESSAGE % "details .plot:empty" + ".content") == "none"
+    write(result(report("FIC101")), {"FIC101": record("FIC101")}, "html", tmp_path)
+    (loop,) = tmp_path.glob("loops-*/FIC101.html")
+    browser.open(loop)
+    assert browser.evaluate("document.documentElement.scrollHeight > 3 * innerHeight")
+    assert browser.evaluate("document.querySelectorAll('.plot:empty').length") == 0
+
+
+def test_a_page_taken_out_of_its_folder_says_what_is_missing(browser, tmp_path):
+    write(result(report("FIC101")), {"FIC101": record("FIC101")}, "html", tmp_path)
+    (loop,) = tmp_path.glob("loops-*/FIC101.html")
+    loop.rename(tmp_path / "alone.html")
+    browser.open(tmp_path / "alone.html")
+    browser.wait(MESSAGE % ".plot" + ".visibility === 'visible'")
+    assert "folder" in browser.evaluate(MESSAGE % ".plot" + ".content")
+    browser.errors.clear()  # of the library that is not there
+
+
 def test_a_folder_of_a_thousand_loops_opens_at_once_and_loads_a_loop_when_asked(browser, tmp_path):
     loops = [report(f"FIC{i:04}") for i in range(1000)]
     write(result(*loops), {"FIC0007": record("FIC0007")}, "html", tmp_path)

@@ -90,9 +90,18 @@ def test_every_step_has_its_button_and_its_lines():
     assert buttons[1]["args"][0]["visible"] == [True, True, True, False, False, True, True, False, False]
 
 
+def test_every_axis_says_its_unit():
+    e, c = judged(explanation()).drawn(), judged(comparison()).drawn()
+    drawn = [e["overlay"], e["beside"], c["overlay"], c["beside"], *(figure for *_, figure in e["causes"])]
+    titles = {axis["title"]["text"] for figure in drawn for name, axis in figure["layout"].items()
+              if "axis" in name and "overlaying" not in axis and axis.get("type") != "category"}
+    assert titles >= {"SP, PV [span 0 to 900]", "OP [%]", "residual [as PV]", "time (UTC)"}
+    assert not [title for title in titles if not title.endswith(("]", "(UTC)"))]
+
+
 def test_pages_say_the_answer_in_words():
     said = " ".join(text_of(judged(explanation()).page()).split())
-    for words in ("Missing in the plain model", "has 6.02 % of play", "cannot tell them apart", "baseline 3.2 %",
+    for words in ("Missing in the plain model", "has 6.02 % of play", "cannot tell them apart", "plain model 3.2 %",
                   "4 % stays unexplained", "After the output turned", "the record is short"):
         assert words in said, words
     assert "Nothing was found" in text_of(judged(nothing()).page())

@@ -56,7 +56,7 @@ def test_gaps_are_counted_together_and_each_alone():
 
 def test_all_forms_say_the_same():
     text = " ".join(summary(plant()).text().split())
-    assert "backlash or stiction 1 1 smaller than the recording shows" in text
+    assert "backlash or stiction 1 smaller than the recording shows (1)" in text
     assert f"Found, but small: FIC1: {SMALL.message}" in text and "(small)" in text
     assert max(map(len, summary(plant()).text().splitlines())) <= 100
     told = json.loads(summary(plant()).json())["effects"][0]

@@ -18,7 +18,7 @@ from tests.reporter.reports import HOSTILE
 
 def test_the_ladder_is_one_line():
     steps = [Step(None, 0.032), Step("dead_time", 0.021), Step("backlash", 0.008)]
-    said = "baseline 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)"
+    said = "plain model 3.2 % -> + dead time 2.1 % -> + backlash 0.8 % (noise floor 0.75 %)"
     assert sentence("ladder", steps, 0.0075) == said
 
 
@@ -61,7 +61,7 @@ def test_small_words():
 
 def test_explanation_gives_answer_meaning_look_alikes_and_the_rest():
     text = judged(explanation()).text()
-    order = ["baseline 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash or stiction and load step",
+    order = ["plain model 3.2 % -> + backlash 0.81 %", "Missing in the plain model: backlash or stiction and load step",
              "also holds on samples", "What it means", "backlash: d = 6.02 % of OP span (95 %: 5.94 to 6.11 %)",
              "has 6.02 % of play", "cannot tell them apart", "Each effect tried alone", "4 % stays unexplained",
              "Where the model fails", "After the output turned", "short: the record is short"]

@@ -1,5 +1,6 @@
 """The scan's pages: one file, or a folder that is switched over in one step."""
 
+import html
 import json
 import re
 import time
@@ -11,7 +12,7 @@ import pytest
 from backlash_cli.record import Note
 from backlash_cli.reporter import figures, scan_report
 from backlash_cli.reporter.scan_report import scanned, write
-from backlash_cli.results import Verdict
+from backlash_cli.results import Confirmation, Verdict
 from tests.reporter.reports import HOSTILE, record, report, result
 from tests.reporter.test_page import Reader, unpacked
 
@@ -149,3 +150,44 @@ def test_pages_do_not_depend_on_the_clock_or_place():
     loops = {"FIC101": record()}
     assert scanned(result(report()), loops).page() == scanned(result(report()), loops).page()
     assert not re.search(r"/(home|root|tmp)/", scanned(result(report()), loops).page().split("/**")[0])
+
+
+JARGON = ("Cluster", "Confirmation", "Detections", "BIC", "nats", "eq. (", "(15)", "log likelihood of")
+
+
+def facts(page):
+    """What stands in the rows of the page's tables: first cell -> the others."""
+    rows = re.findall(r"<tr>(.*?)</tr>", page, re.S)
+    cells = [[html.unescape(re.sub("<[^>]*>", "", c)) for c in re.findall(r"<td.*?>(.*?)</td>", row)] for row in rows]
+    return {first: rest for first, *rest in filter(None, cells)}
+
+
+def test_the_size_and_what_the_half_periods_say_stand_in_rows_of_their_own():
+    page = scanned(result(report("FIC101", confirmation=confirmed(0.03))), {"FIC101": record("FIC101")}).page()
+    said = facts(page)
+    assert said["Size"][0] == "3.00 % (2.70 to 3.30 %)" and said["Of them alike"][0] == "8 (80 %)"
+    assert said["Evidence"][0] == "16.2 points" and said["Found"][0].startswith("10 (50 %")
+    assert not [word for word in JARGON if word in page.split("<script")[0]]
+    assert {"Sure [%]", "Found"} <= set(re.findall(r'<th scope="col">(.*?)</th>', page))
+
+
+def test_of_a_loop_without_a_verdict_nothing_is_found_or_sure():
+    loop = report("PIC307", None, Verdict.CANNOT_TELL, confidence=0.0, confirmation=confirmed(0.0272), compensator=None)
+    page = scanned(result(loop), {"PIC307": record("PIC307")}).page()
+    said = facts(page)
+    assert "not claimed" in said["Best size tried"][1] and not {"Size", "Sure", "Of them alike"} & {*said}
+    assert "No dead band is claimed for this loop" in page
+    assert said["PIC307"][4] == "–"  # sure
+    names = [shape["name"] for shape in figures.profile(loop)["layout"]["shapes"] if "name" in shape]
+    assert "best size tried: 2.72 %" in names and not [name for name in names if "found" in name]
+
+
+def test_reasons_on_a_page_are_sentences():
+    reasons = Note("a", "play or stiction: alike"), Note("b", "pv_range is a guess.")
+    page = scanned(result(report(reasons=reasons)), {}).page()
+    assert "<p>Play or stiction: alike.</p>" in page and "<p>pv_range is a guess.</p>" in page
+
+
+def confirmed(d):
+    return Confirmation(d, (0.8 * d, 1.2 * d), 0.04, 25.2, details={"evidence": 16.18},
+                        profile=((0.5 * d, 4.0), (d, 9.0)))

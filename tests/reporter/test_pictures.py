@@ -62,7 +62,8 @@ def test_the_picture_says_what_was_found_and_where() -> None:
     figure = loop_figure(record(), report())
     said = texts(figure)
     assert "FIC101: backlash, dead band 3.00 % of the output span" in said
-    for words in ("2.9 %", "SP, PV (span 0–900)", "OP (%)", "PV against OP: 3.10 %", "half periods, median: 3.00 %"):
+    for words in ("2.9 %", "SP, PV [span 0 to 900]", "OP [%]", "size found: 3.10 %",
+                  "half periods used, median: 3.00 %"):
         assert words in said, words
     assert "valve opening" in said and "valve closing" in said
 
@@ -93,7 +94,7 @@ def test_no_name_leaves_the_folder_or_breaks_the_picture(tmp_path: Path, name: s
 
 def test_without_output_or_confirmation_the_estimates_are_the_evidence() -> None:
     said = texts(loop_figure(record(output=False), replace(report(), confirmation=None)))
-    assert "estimates from the half periods" in said and "PV against OP" not in said
+    assert "sizes from half periods" in said and "PV against OP" not in said
 
 
 def test_what_is_too_small_to_see_is_shaded_below_the_size_found() -> None:

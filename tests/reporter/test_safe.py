@@ -67,3 +67,19 @@ def test_file_names_of_hostile_and_similar_loops():
     names = safe.file_names([*HOSTILE, "FIC101", "fic101", "FIC101-2"])
     assert names["FIC101"] == "FIC101" and names["fic101"].startswith("fic101-") and names["FIC101-2"] == "FIC101-2"
     assert "/" not in "".join(names.values()) and ".." not in "".join(names.values())
+
+
+def test_the_command_line_is_told_without_passwords():
+    given = "https://me:secret@host/a b.csv?sig=secret", "s3://key:secret@bucket/x", "FIC?01.csv"
+    token = safe.ASKED.set(("scan", *given))
+    try:
+        assert safe.asked() == "backlash scan 'https://host/a b.csv' s3://bucket/x 'FIC?01.csv'"
+    finally:
+        safe.ASKED.reset(token)
+    assert safe.asked() == ""
+
+
+def test_titles_name_the_files():
+    assert safe.entitled("Test plans", ("data/plant.csv",)) == "Test plans: plant.csv"
+    assert safe.entitled("T", ("a/b/", "https://h/c.csv?sig=x", "d.csv")) == "T: b, c.csv and 1 more"
+    assert safe.entitled("T", ()) == "T" and safe.entitled("T", (".",)) == "T: ."

@@ -8,14 +8,14 @@ import pytest
 
 from backlash_cli.errors import UsageError
 from backlash_cli.reporter.scan_report import write
-from backlash_cli.reporter.tables import ESTIMATE_COLUMNS, LOOP_COLUMNS, csv_parts, to_dataframe
+from backlash_cli.reporter.tables import TABLES, csv_parts, to_dataframe
 from backlash_cli.results import ScanResult
 from tests.reporter.reports import HOSTILE, report, result
 
 
 def test_one_row_per_loop_with_typed_columns():
     frame = to_dataframe(result())
-    assert list(frame.columns) == list(LOOP_COLUMNS) and len(frame) == 8
+    assert list(frame.columns) == list(TABLES["loops"]) and len(frame) == 8
     assert frame.d.tolist()[:2] == [0.01, 0.05] and frame.d.isna().tolist()[3:] == [True] * 5
     assert str(frame.start.dt.tz) == "UTC" and frame.detections.dtype == "int64"
     assert frame.reasons[7] == "missing_pv: there is no PV column"
@@ -23,7 +23,7 @@ def test_one_row_per_loop_with_typed_columns():
 
 def test_one_row_per_half_period():
     frame = to_dataframe(result(report("a"), report("b")), "estimates")
-    assert list(frame.columns) == list(ESTIMATE_COLUMNS) and frame.loop.tolist() == ["a", "a", "b", "b"]
+    assert list(frame.columns) == list(TABLES["estimates"]) and frame.loop.tolist() == ["a", "a", "b", "b"]
     assert frame.accepted.tolist() == [True, False, True, False] and frame.why[1] == "too_short"
 
 

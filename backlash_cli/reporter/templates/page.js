@@ -65,7 +65,7 @@
     apply();
   }
 
-  // Figures: drawn when they come into view, in the colours of the page.
+  // Figures, in the colours of the page: drawn as soon as they are there, those of a folded section when it is opened.
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const themed = (layout) => {
     const out = Object.assign({}, layout, {
@@ -122,14 +122,20 @@
     }
     JSON.parse(await unpack(document.getElementById("figures"))).forEach((figure, i) => waiting.set(plots[i], figure));
     plots.forEach((plot) => seen.observe(plot));
+    for (const plot of plots.filter((one) => !one.closest("details:not([open])"))) {
+      draw(plot);
+      await new Promise((resolve) => setTimeout(resolve));  // between two figures the page answers to its reader
+    }
   };
   // Where it cannot be done, the page's style says so in the place of each figure. The page counts as loaded when they
   // are there, or a program that prints it then would find none: an open document holds it up.
   if (plots.length && window.DecompressionStream) {
     const hold = document.body.appendChild(document.createElement("iframe"));
+    const words = document.documentElement.classList;
+    words.add("drawing");
     hold.hidden = true;
     hold.contentDocument.open();
-    prepare().finally(() => { hold.contentDocument.close(); hold.remove(); });
+    prepare().catch(() => words.remove("drawing")).finally(() => { hold.contentDocument.close(); hold.remove(); });
   }
   const recolour = () => figures.forEach((figure, plot) => {
     const view = themed(Object.assign({}, plot.layout));
@@ -150,7 +156,8 @@
   let opened = [];
   window.addEventListener("beforeprint", () => {
     opened = all("details:not([open])");
-    if (opened.length <= 60) { opened.forEach((d) => { d.open = true; }); plots.forEach(draw); } else opened = [];
+    if (opened.length <= 60) opened.forEach((d) => { d.open = true; }); else opened = [];
+    plots.filter((one) => !one.closest("details:not([open])")).forEach(draw);
     figures.forEach((_, plot) => window.Plotly.relayout(plot, { width: 700 }));  // of A4 and of letter paper
   });
   window.addEventListener("afterprint", () => {
