@@ -9,6 +9,7 @@ import numpy as np
 
 from ..record import FloatArray, Frozen, IntArray, Record
 from ..results import Estimate, LoopReport
+from ..words import WORDS
 from .safe import picture
 from .words import interval, percent, size
 
@@ -190,8 +191,8 @@ def estimates(report: LoopReport) -> Figure:
     for accepted, name, colour, symbol in looks:  # finite ones, and of very many the latest
         chosen = [e for e in report.estimates if e.accepted is accepted and math.isfinite(e.d)][-POINTS:]
         groups.append(dots([(e.start, e.d) for e in chosen], name, colour, symbol=symbol, hover="%{y:.2f} % (%{text})",
-                           text=[picture(f"{e.why}, {e.dt_s:.4g} s") for e in chosen]))
-    upright, layout, top = axis("dead band [% of OP span]"), Figure(), max(groups[1]["y"], default=0.0)
+                           text=[picture(f"{WORDS['refused'].get(e.why, e.why)}, {e.dt_s:.4g} s") for e in chosen]))
+    upright, layout, top = axis("dead band [% of OP span]"), Figure(), max(groups[1]["y"] or [0.0, *groups[0]["y"]])
     if (c := report.cluster) is not None:
         low, high = (100 * end for end in c.ci95)
         layout["shapes"] = [across("y", (low, high), EVIDENCE),
@@ -340,8 +341,7 @@ def plant(rows: Sequence[PlantRow], tick: str) -> Figure:
                           hover=f"{tick} %{{x:.2f}} %<extra></extra>"))
         data[-1]["marker"]["line"] = {"width": 3}
     sizes, weeks = axis("dead band [% of output span]", rangemode="tozero"), Figure()
-    times = [t for row in rows for t, _ in row.last]
-    if len({*times}) > 1:
+    if len(times := {t for row in rows for t, _ in row.last}) > 1:
         sizes["domain"] = [0.0, 0.6]
         weeks = {"xaxis2": DATES | {"domain": [0.66, 1.0], "showgrid": False, "showticklabels": False,
                                    "title": {"text": "the last weeks"}}}

@@ -182,6 +182,13 @@ def test_of_a_loop_without_a_verdict_nothing_is_found_or_sure():
     assert "best size tried: 2.72 %" in names and not [name for name in names if "found" in name]
 
 
+def test_a_half_period_says_in_words_why_it_is_not_used():
+    refused = replace(report().estimates[0], accepted=False, why="shape", d=0.014)
+    figure = figures.estimates(report(estimates=(refused,), cluster=None))
+    assert figure["data"][0]["text"] == ["not flat, 100 s"] and figure["layout"]["showlegend"]
+    assert figure["layout"]["yaxis"]["range"] == [0, pytest.approx(1.75)]
+
+
 def test_reasons_on_a_page_are_sentences():
     reasons = Note("a", "play or stiction: alike"), Note("b", "pv_range is a guess.")
     page = scanned(result(report(reasons=reasons)), {}).page()
