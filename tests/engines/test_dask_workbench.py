@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from dataclasses import replace
 
@@ -38,7 +39,9 @@ def test_explain_all_says_the_same_on_a_cluster(capfd, client, export, tmp_path)
     assert here.status == cluster.status == 3 and cluster.err.replace("there", "here") == here.err
     assert "not explained: E:" in here.err and "f.csv" in here.err
     assert len(json.loads((tmp_path / "here" / "summary.json").read_text())["loops"]) == 2
-    assert files(tmp_path / "there") == files(tmp_path / "here")
+    found, wanted = ({name: re.sub(rb"<code>backlash explain .*?</code>", b"", text)  # the command line differs
+                      for name, text in files(tmp_path / place).items()} for place in ("there", "here"))
+    assert found == wanted
 
 
 class Deadly:
