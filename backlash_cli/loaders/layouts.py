@@ -20,6 +20,7 @@ from .names import (
     explained,
     is_quality_name,
     is_time_name,
+    is_whole,
     plain,
     signal_role,
     split_tag,
@@ -166,7 +167,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
 def _recognise(head: Head) -> str:
     texts = [i for i in head.texts if i not in head.times]
     alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
-    wide = any(tag.loop and tag.role in SIGNALS for tag in head.tags)
+    wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
@@ -202,7 +203,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     def mostly(test: Callable[[str], bool]) -> list[int]:
         return [i for i in texts if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
 
-    whole = mostly(lambda word: bool(split_tag(word).loop) and split_tag(word).role in SIGNALS)
+    whole = mostly(is_whole)
     roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
              if not is_quality_name(head.plain[i])]
     named = [i for i in texts if head.plain[i] in TAG]

@@ -34,6 +34,7 @@ TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
+_TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -256,9 +257,11 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         if layout.naming:
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
-    # a header came again: of another loop (no state such as Bad Input has a number), or with columns in another order
-    if sum(any(word in head.names or (is_whole(word) and re.search(r"\d", word)) for word in words[i].keys() - {
-            head.names[i], ""}) for i in columns) > 1:
+    # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.
+    # Of words that are the same behind their last digit, as numbers with a unit are, one is looked at
+    ends = {i: {_TO_DIGIT.sub("", word): word for word in words[i].keys() - {head.names[i], ""}} for i in columns}
+    if sum(any(word in head.names or (end != word and is_whole(word)) for end, word in told.items())
+           for told in ends.values()) > 1:
         raise InputError(**explained("stacked"), where=head.where)
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():

@@ -217,7 +217,8 @@ class StampReader:
                 clock += np.rint(values * _UNITS[unit][0] / 1000) * 1000
             elif not unit:
                 codes, words = codes_and_words(column.cast(pa.string()))
-                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words])
+                dotted = words and DOTTED.match(words[0])
+                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words] if dotted else words)
                 clock += np.append(micros, NAT)[codes]
                 self._zones |= {True} if zoned.any() else set()
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
