@@ -18,7 +18,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
-from .shape import MEANING, Effect, Parameter, Stage, texts
+from .shape import Parameter, Stage, effect
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -45,12 +45,11 @@ def speeds(clues: Clues) -> list[Values]:
     return [{"rate": rate} for rate in rates]
 
 
-RATE_LIMIT = Effect(
-    "rate_limit", Stage.VALVE, *texts("rate_limit"),
+RATE_LIMIT = effect(
+    "rate_limit", Stage.VALVE,
     (Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),),
     start, step,
-    fitting=Fitting(
-        propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag"), meaning=MEANING["rate_limit"]))
+    fitting=Fitting(propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag")))
 
 
 def unequal_speeds(clues: Clues) -> list[Values]:
@@ -60,10 +59,9 @@ def unequal_speeds(clues: Clues) -> list[Values]:
     return [{"opening": a, "closing": b} for pair in both for a, b in (pair, pair[::-1])]
 
 
-UNEQUAL_SPEED = Effect(
-    "unequal_speed", Stage.VALVE, *texts("unequal_speed"),
+UNEQUAL_SPEED = effect(
+    "unequal_speed", Stage.VALVE,
     (Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
      Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005))),
     start, step,
-    fitting=Fitting(
-        propose=unequal_speeds, seldom=True, siblings=("rate_limit",), meaning=MEANING["unequal_speed"]))
+    fitting=Fitting(propose=unequal_speeds, seldom=True, siblings=("rate_limit",)))

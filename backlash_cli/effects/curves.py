@@ -28,7 +28,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values, Whole
-from .shape import MEANING, Effect, Parameter, Stage, Step, texts
+from .shape import Parameter, Stage, Step, effect
 
 
 def no_memory(*_: object) -> FloatArray:
@@ -51,40 +51,33 @@ def stops(clues: Clues) -> list[Values]:
             for name, side in (("low", 0.0), ("high", 1.0)) for share in shares]
 
 
-SATURATION = Effect(
-    "saturation", Stage.VALVE, *texts("saturation"),
+SATURATION = effect(
+    "saturation", Stage.VALVE,
     (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
      Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7))),
     no_memory, stop_step,
-    fitting=Fitting(
-        whole=at_once(stop_step), propose=stops, meaning=MEANING["saturation"]))
+    fitting=Fitting(whole=at_once(stop_step), propose=stops))
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
     flow = value if p[0] == 0.0 else np.expm1(p[0] * value) / np.expm1(p[0])
-    return flow if p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
+    if p.size == 1 or p[1] == 1.0:  # a sensor has no pipe in series
+        return flow
+    return flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
 
 
 # gentle to strong curves, bent either way, and linear valves with little to much pipe in series
 BENDS: list[Values] = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
 BENDS += [{"authority": a} for a in (0.1, 0.3, 0.6)]
-VALVE_CHARACTERISTIC = Effect(
-    "valve_characteristic", Stage.VALVE, *texts("valve_characteristic"),
+VALVE_CHARACTERISTIC = effect(
+    "valve_characteristic", Stage.VALVE,
     (Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
      Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,))),
     no_memory, flow_step,
-    fitting=Fitting(
-        whole=at_once(flow_step), propose=lambda clues: BENDS, rivals=("sensor_curve",),
-        meaning=MEANING["valve_characteristic"]))
+    fitting=Fitting(whole=at_once(flow_step), propose=lambda clues: BENDS, rivals=("sensor_curve",)))
 
-
-def shown_step(state: FloatArray, value: float, p: FloatArray) -> float:
-    return value if p[0] == 0.0 else np.expm1(p[0] * value) / np.expm1(p[0])
-
-
-SENSOR_CURVE = Effect(
-    "sensor_curve", Stage.SENSOR, *texts("sensor_curve"),
+SENSOR_CURVE = effect(
+    "sensor_curve", Stage.SENSOR,
     (Parameter("curvature", "1", "ln of slope at full over slope at nothing", 0.0, -6.0, 6.0, (-2.0, -0.7, 0.7, 2.0)),),
-    no_memory, shown_step,
-    fitting=Fitting(
-        whole=at_once(shown_step), seldom=True, rivals=("valve_characteristic",), meaning=MEANING["sensor_curve"]))
+    no_memory, flow_step,
+    fitting=Fitting(whole=at_once(flow_step), seldom=True, rivals=("valve_characteristic",)))

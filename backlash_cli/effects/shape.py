@@ -16,7 +16,7 @@ At its neutral values an effect returns its input bit for bit, so models nest an
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import field, replace
 from enum import StrEnum
 from functools import lru_cache
 from typing import Any
@@ -29,7 +29,6 @@ from ..words import Words
 from .fitting import Fitting
 
 _TOLD = Words(__package__).tables
-MEANING: dict[str, str] = _TOLD["meaning"]  # of the effects of the project, by name
 Start = Callable[[FloatArray, float, float], FloatArray]
 Step = Callable[[FloatArray, float, FloatArray], float]
 
@@ -167,6 +166,10 @@ def compiled(step: Callable[..., float]) -> Any | None:
     return None
 
 
-def texts(name: str) -> tuple[str, str]:
-    """Return the sentence and the source of an effect of the project."""
-    return _TOLD["sentence"][name], _TOLD["source"][name]
+def effect(name: str, stage: Stage, parameters: tuple[Parameter, ...], start: Start, step: Step,
+           fitting: Fitting | None = None, **more: Any) -> Effect:
+    """Return an effect of the project, with the sentence, the source and the meaning that words.toml has for it. more:
+    further fields of an Effect."""
+    if fitting is not None:
+        more["fitting"] = replace(fitting, meaning=_TOLD["meaning"][name])
+    return Effect(name, stage, _TOLD["sentence"][name], _TOLD["source"][name], parameters, start, step, **more)
