@@ -13,12 +13,8 @@ from typing import Any
 import click
 
 from ._version import __version__
-from .commands.history import history, report, trend
-from .commands.nightly import nightly
-from .commands.scan import check, scan
-from .commands.simulate import compensate, effects, paper, plan, simulate
+from .commands.options import PAGE, command
 from .commands.terminal import say
-from .commands.workbench import compare, explain
 from .errors import BacklashError, nearest
 from .reporter.safe import ASKED
 
@@ -43,8 +39,7 @@ class Commands(click.Group):
 @click.group(
     cls=Commands, epilog="Example: backlash scan sample_data/plant.csv",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=[scan, plan, check, compare, explain, effects, simulate, compensate, paper, history, trend, report,
-              nightly])
+    commands=[command(name) for name, words in PAGE.items() if "module" in words])
 @click.version_option(__version__, prog_name="backlash")
 def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""

@@ -1,1 +1,1 @@
-"""commands: the command line, one module per question; what they work with is imported when they run"""
+"""commands: the command line, one module per question, imported when one of its commands runs"""

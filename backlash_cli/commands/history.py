@@ -1,29 +1,27 @@
 """backlash history, trend and report: what a history of nightly scans holds, how valves wear, and which to pull."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ..errors import UsageError
+from ..history.limits import Limits, read_limits
+from ..history.plant import chosen, plant_history
+from ..history.store import History
+from ..loaders.sources import read_metadata
+from ..reporter import history_report
+from ..reporter.files import form_of
 from ..reporter.safe import counted
-from .options import TEXT_OR_JSON, command
+from ..reporter.tables import history_rows, write_rows
+from ..results.history import Place, day_of
+from .options import TEXT_OR_JSON
 from .terminal import put, refusal, say
-
-if TYPE_CHECKING:
-    from ..history.limits import Limits
-    from ..history.store import History
-    from ..results.history import Place
 
 
 def read_profile(limits: Path | None, loops: Path | None) -> Limits:
     """Read the limits profile; classes that a loops file names (`limit_class`) go before patterns."""
-    from ..history.limits import read_limits
-    from ..loaders.sources import read_metadata
-
     profile = read_limits(limits)
     return profile if loops is None else profile.with_classes(read_metadata(loops), str(loops))
 
@@ -32,33 +30,23 @@ def read_profile(limits: Path | None, loops: Path | None) -> Limits:
 def worn_plant(history: Path, limits: Path | None, settings: Path | None, loop: tuple[str, ...], horizon: float
                ) -> Iterator[tuple[list[Place], History]]:
     """Give a history's order of repair, and the history itself. settings: loops file with limit classes."""
-    from ..history.plant import plant_history
-    from ..history.store import History
-
     profile = read_profile(limits, settings)
     with History(history, say=say) as store:
         yield plant_history(store, profile, loops=loop, horizon=horizon), store
 
 
-@command
 def trend(form: str | None, output: Path | None, verbose: bool, **wear: Any) -> None:
     """Show how dead bands grow from night to night, when they reach their limit, and which valve to pull first."""
-    from ..reporter.files import form_of
-    from ..reporter.history_report import trend as trend_report
-
     form = form or form_of(output, TEXT_OR_JSON)
     with worn_plant(**wear) as (places, _):
-        found = trend_report(places)
+        found = history_report.trend(places)
         put(output, found.json() if form == "json" else found.text(verbose=verbose))
 
 
-@command
 def report(output: Path, **wear: Any) -> None:
     """Write the report of a history: which valves to pull, how they wear, and why."""
-    from ..reporter.history_report import write_report
-
     with worn_plant(**wear) as (places, store):
-        write_report(output, places, store.half_periods, str(wear["history"]))
+        history_report.write_report(output, places, store.half_periods, str(wear["history"]))
     say(f"report of {counted(len(places), 'loop')} written to {output}")
 
 
@@ -71,14 +59,9 @@ def moment_of(date: str) -> float:
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
-@command
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    from ..history.plant import chosen
-    from ..history.store import History
-    from ..results.history import day_of
-
     path = db or named
     if path is None:
         raise refusal(UsageError, "which_history")
@@ -100,14 +83,10 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
                 raise refusal(UsageError, "no_repair", path, loop=name, date=date, days=days)
             say(f"repair of {name} on {date} taken back")
         if target is not None:
-            from ..reporter.tables import history_rows, write_rows
-
             rows = history_rows(store, table or "nights", names)
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table or 'nights'} written to {target}")
         if not (repair or remove_repair or target):
-            from ..reporter.history_report import loops_text, runs_text
-
-            put(None, runs_text(store.runs()) if runs else loops_text(
+            put(None, history_report.runs_text(store.runs()) if runs else history_report.loops_text(
                 {name: store.nights(name) for name in names}, {name: store.repairs(name) for name in names},
                 len(store.runs())))

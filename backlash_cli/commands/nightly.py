@@ -1,29 +1,34 @@
 """backlash nightly: the job that cron runs: new exports into the history, reports out of it, old reports away."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .. import __version__
 from ..errors import BacklashError, InputError, some
+from ..history.nightly import DatedExport, NightlyConfig, expand, find_exports, lock, matches, read_config
+from ..history.plant import plant_history
+from ..history.store import History
+from ..loaders import ReadOptions
+from ..loaders.sources import find_sidecars, find_sources
+from ..record import Record
+from ..reporter.files import write_text
+from ..reporter.history_report import trend, write_report
 from ..reporter.safe import counted, terminal
+from ..reporter.scan_report import check_delivery, met, parse_rules, write
+from ..reporter.templates import sentence
+from ..reporter.words import TO_DO, day
+from ..results import ScanResult
+from ..results.history import Place, missing_days
+from ..scanning import ScanOptions
 from .history import read_profile
-from .options import Export, command
+from .options import Export
 from .scan import Job, kept, undated
 from .terminal import emit, refusal, say
-
-if TYPE_CHECKING:
-    from ..history.nightly import DatedExport, NightlyConfig
-    from ..history.store import History
-    from ..record import Record
-    from ..results import ScanResult
-    from ..results.history import Place
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
@@ -33,16 +38,8 @@ Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
 
 
-@command
 def nightly(config: Path, check: bool) -> int:
     """Scan the new exports, add them to the history and write the reports, as a configuration file says."""
-    from ..history.nightly import lock, read_config
-    from ..history.plant import plant_history
-    from ..history.store import History
-    from ..reporter.files import write_text
-    from ..reporter.history_report import trend, write_report
-    from ..reporter.scan_report import met, parse_rules
-
     settings = read_config(config)
     limits = read_profile(settings.limits, settings.loops)
     rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
@@ -113,9 +110,6 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
 def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     """Return the exports; note in `done` the days for which there is none, and those too old to be looked at."""
-    from ..history.nightly import find_exports
-    from ..results.history import missing_days
-
     found, done[OLDER] = find_exports(config.inputs, together=config.together, look_back=config.look_back)
     if not found:
         raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
@@ -126,11 +120,6 @@ def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
 def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done
               ) -> ScanResult | None:
     """Scan what is new into the history, note in `done` what happened, and return the last scan."""
-    from ..loaders import ReadOptions
-    from ..loaders.sources import find_sidecars, find_sources
-    from ..reporter.templates import sentence
-    from ..scanning import ScanOptions
-
     scan: ScanResult | None = None
     before, known = f"{config.path.stem}:", store.exports()
     done[OLDER] = [name for name in done[OLDER] if before + name not in known]
@@ -175,20 +164,15 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
 def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
                 log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
-    from ..history.nightly import expand, matches
-    from ..reporter.scan_report import check_delivery, write
-
     target = Path(expand(pattern, name))
     target.parent.mkdir(parents=True, exist_ok=True)
     write(result, records, check_delivery(None, target, "loops") or "table", target)
-    for _, path in sorted((day, path) for path, day in matches(pattern) if day is not None)[:-keep]:
+    for _, path in sorted((night, path) for path, night in matches(pattern) if night is not None)[:-keep]:
         path.unlink(missing_ok=True)
         log("removed", report=path.name)
 
 
 def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
-    from ..reporter.words import TO_DO, day
-
     last = max((n.end for p in places for n in p.wear.nights), default=None)
     nights = ", ".join(f"{len(done[word])} {said}" for word, said in (
         ("new", "new"), ("revised", "revised"), ("unchanged", "known")) if done[word]) or "none"

@@ -7,8 +7,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import wraps
-from importlib import resources
+from importlib import import_module, resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,23 +111,27 @@ WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "hist
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int}
 
 
-def command(function: Callable[..., int | None]) -> click.Command:
-    """Make a command of a function, which never writes over what it reads; its words and options: `commands.toml`."""
+def function_of(name: str) -> Callable[..., int | None]:
+    """Load what a command does: the function of its name, in the module of this folder that its page names."""
+    return getattr(import_module(f".{PAGE[name]['module']}", __package__), name)
 
-    @wraps(function)
+
+def command(name: str) -> click.Command:
+    """Make a command, which never writes over what it reads; its words and options: `commands.toml`."""
+
     def run(**given: Any) -> int | None:
         read = [path for path in (*given.get("inputs", ()), given.get("loops")) if isinstance(path, Path)]
         for path in map(given.get, WRITTEN):
             if isinstance(path, Path) and path.is_file() and any(path.samefile(one) for one in read if one.exists()):
                 raise UsageError("this is the export itself, or its settings", where=f"{path}", remedy="choose another")
-        return function(**given)
+        return function_of(name)(**given)
 
-    words = PAGE[function.__name__]
+    words = PAGE[name]
     own = words.get("options", {})
-    also = [name for entry in words.get("also", ()) for name in PAGE["groups"].get(entry, [entry]) if name not in own]
+    also = [one for entry in words.get("also", ()) for one in PAGE["groups"].get(entry, [entry]) if one not in own]
     epilog = "\n  ".join([words.get("epilog", "") + "\b\nExamples:", *words["examples"]])
-    return click.Command(function.__name__, callback=run, help=words["help"], short_help=words["summary"],
-                         epilog=epilog, params=[_parameter(name, own.get(name, {})) for name in [*own, *also]])
+    return click.Command(name, callback=run, help=words["help"], short_help=words["summary"], epilog=epilog,
+                         params=[_parameter(one, own.get(one, {})) for one in [*own, *also]])
 
 
 def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:

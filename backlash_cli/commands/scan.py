@@ -11,31 +11,37 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import api
+from ..check import LoopCheck, check_loop
+from ..engines.local import answers
 from ..errors import BacklashError, UsageError, some
+from ..history.store import History
+from ..history.unfinished import Unfinished
+from ..loaders import names
+from ..loaders.plant import OpenPlant, open_plant
+from ..loaders.sources import find_sources
+from ..places import Remote
+from ..reporter.check_table import checked
+from ..reporter.files import form_of
+from ..reporter.plant_files import write_plant, write_settings
 from ..reporter.safe import counted
-from .options import TEXT_OR_JSON, Export, cluster, command
+from ..reporter.scan_report import check_delivery, draw, met, parse_rules, render, write
+from ..reporter.templates import sentence
+from ..results import PlantResult, ScanResult
+from ..scanning import ScanOptions
+from .options import TEXT_OR_JSON, Export, cluster
 from .terminal import emit, progress, put, refusal, say, say_failures, say_if_first_run
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from ..history.unfinished import Unfinished
-    from ..loaders.plant import OpenPlant
-    from ..places import Remote
-    from ..results import ScanResult
-    from ..scanning import ScanOptions
-
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
 
 
-@command
 def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Path | None, history: Path | None,
          resume: bool, fail_on: tuple[str, ...], no_confirm: bool, verbose: bool, quiet: bool, **given: Any) -> int:
     """Find dead band in every loop of an export and say how much, how sure, and what to do."""
-    from ..reporter.scan_report import check_delivery, draw, met, parse_rules, render, write
-    from ..scanning import ScanOptions
-
     export = Export.of(given)
     if demo == bool(export.inputs):
         raise refusal(UsageError, "demo_or_export", problem="--demo and an export do not fit together" if demo else
@@ -74,15 +80,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     return 1 if hits else status
 
 
-@command
 def check(form: str | None, output: Path | None, verbose: bool, **given: Any) -> int:
     """Check data quality and controller settings before trusting a verdict."""
-    from ..check import LoopCheck, check_loop
-    from ..engines.local import answers
-    from ..reporter.check_table import checked
-    from ..reporter.files import form_of
-    from ..results import PlantResult
-
     form = form or form_of(output, TEXT_OR_JSON)
     plant = Export.of(given).read(compiles=False)
     loops = []
@@ -109,7 +108,6 @@ def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
     """Give the export of the simulated sample plant, made for the time of the block."""
     from tempfile import TemporaryDirectory
 
-    from ..reporter.plant_files import write_plant, write_settings
     from ..simulator import simulate
     from ..simulator.scenario_file import load_scenarios
 
@@ -144,8 +142,6 @@ class Job:
 
     def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
         """Return the result of all inputs, or of these."""
-        from ..api import scan
-
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
         plant = self.plant if inputs is None else self._open(inputs)
         if inputs is None and self.keep is not None:
@@ -158,13 +154,10 @@ class Job:
         go_on = "" if self.keep is None else "; the same command with --resume goes on from there"
         with progress("scanning", len(plant.recipes), shown=self.shown,
                       stopped=f"loops were analysed; no report was written{go_on}") as step:
-            return scan(plant, self.options, jobs=self.jobs, progress=lambda report: step(), keep=self.keep,
-                        client=self.client)
+            return api.scan(plant, self.options, jobs=self.jobs, progress=lambda report: step(), keep=self.keep,
+                            client=self.client)
 
     def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
-        from ..loaders.plant import open_plant
-        from ..loaders.sources import find_sources
-
         size = None  # of all files on this machine
         with contextlib.suppress(BacklashError, OSError):
             size = sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
@@ -181,8 +174,6 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
             raise refusal(UsageError, "resume_without_history", "--resume")
         yield None
         return
-    from ..history.unfinished import Unfinished
-
     with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
         yield keep
         keep.close(ended=True)
@@ -190,9 +181,6 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 
 def remember(result: ScanResult, history: Path, job: Job) -> None:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
-    from ..history.store import History
-    from ..reporter.templates import sentence
-
     with History(history, create=True, say=say) as store:
         outcome = store.add(*map(undated, _one_by_one(result, job) or [result]))
     if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
@@ -204,8 +192,6 @@ def remember(result: ScanResult, history: Path, job: Job) -> None:
 
 def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
     """Return a result per export where the exports are nights of the same loops; nothing where they are not."""
-    from ..loaders.sources import find_sources
-
     long = [r.loop for r in result.loops if r.start is not None and r.end is not None and r.end - r.start > LONG]
     if not long:
         return []
@@ -224,6 +210,4 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
 
 def undated(result: ScanResult) -> ScanResult:
     """Return the result with the dates taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
-    from ..loaders import names
-
     return replace(result, loops=tuple(replace(r, loop=names.undated(r.loop)) for r in result.loops))

@@ -1,50 +1,43 @@
 """backlash compare and explain: the model's prediction beside the measurement, and which physical effect is missing."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from .. import api
+from ..effects.registry import load_effect
 from ..errors import LoopError, UsageError, some
-from .options import Export, cluster, command
+from ..loaders import Plant
+from ..model import compare as compare_with
+from ..model import explain as explain_record
+from ..record import Note, Record
+from ..reporter.explain_report import check_picture, judged, summary, to_csv, write_picture
+from ..reporter.page import BACK, write_pages
+from ..reporter.templates import sentence
+from ..results import Comparison, Explanation, Model, PlantExplanation
+from .options import Export, cluster
 from .terminal import deliver, progress, put, refusal, say, say_failures
-
-if TYPE_CHECKING:
-    from ..loaders import Plant
-    from ..record import Record
-    from ..results import Comparison, Explanation, Model
 
 SUFFIXES = (".csv", ".json", ".html", ".htm", ".txt")
 OF_ONE = ("loop", "add", "model_file", "save_model", "json_file", "html", "picture")
 OF_ALL = ("output", "jobs", "engine", "scheduler", "loops_matching", "sample")
 
 
-@command
 def compare(loop: str | None, model_file: Path | None, other_loop: bool, **given: Any) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails."""
-    from ..model import compare as compare_with
-    from ..reporter.explain_report import check_picture
-
     check_picture(given["picture"])
     export = Export.of(given)
     return show(compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop)), given)
 
 
-@command
 def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,
             other_loop: bool, save_model: Path | None, every: bool, **given: Any) -> int:
     """Find the physical effects that are missing in a loop's model, add them, and watch the error fall."""
-    from ..api import save_model as keep
-    from ..effects.registry import load_effect
-    from ..model import explain as explain_record
-    from ..reporter.explain_report import check_picture
-
     context = click.get_current_context()
     wrong = [p.opts[0] for p in context.command.params if p.name in (OF_ONE if every else OF_ALL)
              and context.params[p.name] not in (None, (), p.default)]
@@ -60,15 +53,13 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
     record, model = record_and_model(export, loop, model_file, other_loop=other_loop)
     found = explain_record(record, model, add=chosen, effects=more)
     if save_model is not None and found.model is not None:
-        keep(found.model, save_model)
+        api.save_model(found.model, save_model)
         say(f"model written to {save_model}")
     return show(found, given)
 
 
 def show(found: Comparison | Explanation, given: Mapping[str, Any]) -> int:
     """Draw and write what was found where it was asked for, and show it."""
-    from ..reporter.explain_report import judged, write_picture
-
     if given["picture"] is not None:
         write_picture(found, given["picture"])
         say(f"picture written to {given['picture']}")
@@ -81,9 +72,7 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
 
     Raises UsageError listing the loops where it is open, and when the model belongs to another loop or other ranges.
     """
-    from ..api import load_model
-
-    model = None if model_file is None else load_model(model_file)
+    model = None if model_file is None else api.load_model(model_file)
     if model is None or other_loop:
         return one_loop(export, name), model
     try:
@@ -125,13 +114,6 @@ def names_in(plant: Plant) -> list[str]:
 def explain_plant(export: Export, effects: tuple[str, ...], given: Mapping[str, Any]) -> int:
     """Explain every loop and write the summary to a file or folder, or show it; 3 when a loop could not be."""
     from ..engines.local import answers
-    from ..model import explain as explain_record
-    from ..record import Note
-    from ..reporter.explain_report import judged, summary, to_csv
-    from ..reporter.page import BACK, write_pages
-    from ..reporter.templates import sentence
-    from ..results import PlantExplanation
-
     output: Path | None = given["output"]
     folder = output is not None and output.suffix.lower() not in SUFFIXES
     if output is not None and output.exists() and output.is_dir() != folder:

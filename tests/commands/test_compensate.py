@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.simulate import compensate
+from backlash_cli.__main__ import cli
 from backlash_cli.errors import BacklashError
 
 PLANT = str(Path(__file__).parents[2] / "sample_data" / "plant.csv")
 
 
 def run(*arguments):
-    return CliRunner().invoke(compensate, [PLANT, *arguments])
+    return CliRunner().invoke(cli, ["compensate", PLANT, *arguments])
 
 
 def test_advice_text_page_and_numbers(tmp_path):

@@ -8,7 +8,7 @@ import click
 import pytest
 
 from backlash_cli.__main__ import cli
-from backlash_cli.commands.options import PAGE
+from backlash_cli.commands.options import PAGE, function_of
 
 from .run import run
 
@@ -55,14 +55,13 @@ def test_unknown_command_names_the_nearest():
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_gives_what_the_function_takes(name):
     command = cli.commands[name]
-    assert command.callback is not None
-    inspect.signature(command.callback).bind(**{p.name: None for p in command.params})
+    inspect.signature(function_of(name)).bind(**{p.name: None for p in command.params})
 
 
 def test_nothing_on_the_page_is_left_over():
     tables = {name: PAGE[name] for name in NAMES}
     assert set(PAGE) == {"groups", "options", *NAMES}
-    known = {"summary", "help", "epilog", "examples", "also", "options"}
+    known = {"module", "summary", "help", "epilog", "examples", "also", "options"}
     assert not {key for words in tables.values() for key in words} - known
     asked = {entry for words in tables.values() for entry in words.get("also", ())}
     used = asked | {name for words in tables.values() for name in words.get("options", {})}

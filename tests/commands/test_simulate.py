@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.simulate import effects, simulate
+from backlash_cli.__main__ import cli
 from backlash_cli.effects import EFFECTS
 from backlash_cli.errors import BacklashError
 
@@ -15,8 +15,8 @@ from backlash_cli.errors import BacklashError
 def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
-    def run(*arguments, command=simulate):
-        result = CliRunner().invoke(command, list(arguments), standalone_mode=False)
+    def run(*arguments, command="simulate"):
+        result = CliRunner().invoke(cli.commands[command], list(arguments), standalone_mode=False)
         if result.exception is not None:
             raise result.exception
         return result
@@ -87,8 +87,8 @@ def test_wrong_use_is_one_message_and_writes_nothing(run, tmp_path, arguments, s
 
 
 def test_effects_are_listed_each_in_a_sentence(run):
-    text = run(command=effects).output
+    text = run(command="effects").output
     assert max(map(len, text.splitlines())) <= 100
     assert all(f"{e.name} ({e.stage})" in text and e.sentence in " ".join(text.split()) for e in EFFECTS)
-    verbose = run("--verbose", command=effects).output
+    verbose = run("--verbose", command="effects").output
     assert all(e.source in verbose for e in EFFECTS)

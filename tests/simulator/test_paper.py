@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from backlash_cli.commands.simulate import paper as command
+from backlash_cli.__main__ import cli
 from backlash_cli.estimator.haegglund import published_estimates
 from backlash_cli.reporter.paper import paper
 from backlash_cli.simulator import simulate
@@ -99,6 +99,6 @@ def test_outputs(report):
 
 
 def test_command_prints_the_rows_as_json():
-    result = CliRunner().invoke(command, ["--json", "-"])
+    result = CliRunner().invoke(cli, ["paper", "--json", "-"])
     assert result.exit_code == 0, result.output
     assert {row["key"] for row in json.loads(result.stdout)["rows"]} == {p.key for p in PUBLISHED}
