@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
@@ -24,15 +24,13 @@ from ..loaders.signals import Joiner
 from ..record import Note, Record, failure
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan, scan_blocks
-from .cluster import cores, on_cluster, threads
+from .cluster import Item, Result, cores, on_cluster, threads
 
 if TYPE_CHECKING:
     from multiprocessing.synchronize import Event
 
     from distributed import Client
 
-Result = TypeVar("Result")
-Item = TypeVar("Item")
 Loop = Record | Recipe
 Found = LoopReport | Note
 

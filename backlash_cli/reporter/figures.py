@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..record import FloatArray, Frozen, IntArray, Record
+from ..record import FloatArray, Frozen, IntArray, Record, hold
 from ..results import Estimate, LoopReport
 from ..words import WORDS
 from .safe import picture
@@ -120,11 +120,9 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
 
 def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
-    import pandas as pd
-
     from ..kernels import play
 
-    known = pd.Series(output).ffill().bfill().to_numpy(copy=True)
+    known = hold(output)
     return np.asarray(play(known, size, float(known[0]))) if np.isfinite(output).any() else output
 
 

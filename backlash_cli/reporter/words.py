@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from operator import itemgetter
@@ -61,11 +61,6 @@ def change(value: float, base: float) -> str:
     """How far a value is from the one without compensator, e.g. '-20 %', '+200 %', '0 %'."""
     more = round(100.0 * (value / base - 1.0)) if base > 0.0 else None
     return "–" if more is None else f"{more:+d} %".replace("+0", "0")
-
-
-def joined(texts: Iterable[object], between: str = ", ") -> str:
-    """Texts or days one after the other."""
-    return between.join(map(str, texts))
 
 
 def moment(epoch: float | None) -> str:

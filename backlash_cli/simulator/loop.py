@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..effects.shape import Stage
+from ..effects.shape import Stage, compiled
 from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Frozen, Record, SampleState
 from ..words import explained
@@ -37,7 +37,6 @@ def _effects(s: Scenario, samples: int, columns: Mapping[str, FloatArray], rando
     Returns what the kernel takes first (steps, where each state and parameters begin, the last effect of valve and
     process, of the load, of the sensor, states, parameters), the process input at rest, and whether all steps compile.
     """
-    from ..effects.shape import compiled
     from ..kernels import SLOTS
 
     order = list(Stage)

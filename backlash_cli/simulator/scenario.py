@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..effects.registry import load_effect
 from ..effects.shape import Effect
 from ..errors import MetadataError
 from ..record import FloatArray, Frozen, LoopSettings
@@ -29,8 +30,6 @@ def use(name: str | Effect, *, column: str | None = None, **parameters: object) 
 
     name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist.
     """
-    from ..effects.registry import load_effect
-
     effect = name if isinstance(name, Effect) else load_effect(name)
     return Applied(effect, effect.pack(parameters), column)
 
