@@ -1,18 +1,13 @@
 """A plan in plain words for the people who carry it out, in the units of the loop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING
 
 from ..record import LoopSettings, duration
+from ..results.advice import PlanOption
 from ..words import WORDS, said
-
-if TYPE_CHECKING:
-    from ..results.advice import PlanOption
-    from .twin import Twin
+from .twin import Twin
 
 _SAMPLING = ("sampling_too_coarse", "sampling_coarse", "scanned_slowly")
 PER_TI = 10.0  # samples in an integral time that are asked for

@@ -97,6 +97,7 @@ class PaperFigure(Frozen):
     title: str
     panels: tuple[Panel, ...]
     text: str = ""
+    estimates: str = ""  # [%], accepted ones, as the paper prints them
 
 
 Numbers = dict[str, float]
@@ -110,14 +111,13 @@ def reproduce() -> tuple[list[PaperRow], list[PaperFigure], dict[str, tuple[str,
     """Recompute the paper: all rows and figures, and by key of a figure the single estimates, paper's and ours."""
     values: Numbers = {}
     figures: list[PaperFigure] = []
-    lists: dict[str, str] = {}
-    for more, drawn in (integrating_process(), stable_process(), default_gain(), detections(lists), industrial(lists)):
+    for more, drawn in (integrating_process(), stable_process(), default_gain(), detections(), industrial()):
         values |= more
         figures += drawn
     order = list(PAGE["figures"])
     return ([replace(row, ours=values[row.key]) for row in PUBLISHED],
             sorted(figures, key=lambda f: order.index(f.key)),
-            {key: (PAGE["estimates"][key], ours) for key, ours in lists.items()})
+            {f.key: (PAGE["estimates"][f.key], f.estimates) for f in figures if f.key in PAGE["estimates"]})
 
 
 def figure(key: str, *panels: Panel) -> PaperFigure:
@@ -144,15 +144,14 @@ def trend(key: str, run: Trace) -> PaperFigure:
                     {"valve": run.valve, "u": run.output})
 
 
-def recording(key: str, record: Record, found: Sequence[Estimate], lists: dict[str, str]) -> PaperFigure:
-    """Return a record with its estimates [%] written where they were made, refused ones in brackets; accepted ones
-    go into lists, as the paper prints them."""
+def recording(key: str, record: Record, found: Sequence[Estimate]) -> PaperFigure:
+    """Return a record with its estimates [%] written where they were made, refused ones in brackets."""
     assert record.output is not None
-    lists[key] = " ".join(f"{100 * e.d:.1f}" for e in found if e.accepted)
     top = float(np.max(record.measurement))
     marks = [(e.end - record.start, top, f"{100 * e.d:.1f}" if e.accepted else f"({100 * e.d:.1f})") for e in found]
-    return diagrams(key, record.time - record.start, slice(None, None, max(1, len(record) // POINTS)),
-                    {"setpoint": record.setpoint, "y": record.measurement}, {"u": record.output}, marks)
+    drawn = diagrams(key, record.time - record.start, slice(None, None, max(1, len(record) // POINTS)),
+                     {"setpoint": record.setpoint, "y": record.measurement}, {"u": record.output}, marks)
+    return replace(drawn, estimates=" ".join(f"{100 * e.d:.1f}" for e in found if e.accepted))
 
 
 def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
@@ -267,8 +266,8 @@ def figure_6(rise: Mapping[float, FloatArray], left: float) -> PaperFigure:
     return figure("fig6", *panels)
 
 
-def detections(lists: dict[str, str]) -> Found:
-    """Return Figs. 10 and 12 to 15; into lists go the single estimates by figure."""
+def detections() -> Found:
+    """Return Figs. 10 and 12 to 15."""
     values: Numbers = {}
     run = trace(example_2(0.05, seed=SEED))
     near = np.flatnonzero(within(run, (35.0, 65.0)))[::5]
@@ -282,7 +281,7 @@ def detections(lists: dict[str, str]) -> Found:
         below += [e.d < d for found in drawn for e in found]
         values[f"{key}_median"] = 100.0 * float(np.mean(medians)) if medians else float("nan")
         values[f"{key}_count"] = float(len(drawn[0]))
-        figures.append(recording(key, records[0], drawn[0], lists))
+        figures.append(recording(key, records[0], drawn[0]))
     return {**values, "mostly_below": float(np.mean(below) > 0.5)}, figures
 
 
@@ -295,7 +294,7 @@ def default_gain() -> Found:
     return {"kp_low": float(at_ends[0]), "kp_high": float(at_ends[1])}, [figure("kp", panel)]
 
 
-def industrial(lists: dict[str, str]) -> Found:
+def industrial() -> Found:
     """Return Figs. 17 to 19, each number over several draws of noise and load."""
     swinging, fixed = (load_scenarios(name)[0] for name in ("industrial-oscillating", "industrial-fixed"))
     swing, rest = ([e for k in range(INDUSTRIAL_DRAWS) for e in published_estimates(simulate(with_seed((s,), k)[0]))]
@@ -310,7 +309,7 @@ def industrial(lists: dict[str, str]) -> Found:
     figures = [diagrams("fig17", run.time, slice(None, None, 5), {"flow": run.measurement},
                         {"valve": run.valve, "u": run.output})]
     for key, s in (("fig18", swinging), ("fig19", fixed)):
-        figures.append(recording(key, record := simulate(s), published_estimates(record), lists))
+        figures.append(recording(key, record := simulate(s), published_estimates(record)))
     return {**values, "fig17_d": 100.0 * read_manual_test(run)}, figures
 
 
