@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from backlash_cli.estimator.haegglund import detect_oscillation, error_scanner, estimate
-from backlash_cli.estimator.rule import TOO_SHORT
+from backlash_cli.estimator.haegglund import TOO_SHORT, detect_oscillation, error_scanner, estimate
 from backlash_cli.half_periods import Segments, double_lag, segment
 from backlash_cli.record import LoopSettings, Record, SampleState
 

@@ -16,8 +16,7 @@ from scipy.special import bdtr
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
 from ..words import noted, said
-from .haegglund import DEFAULT_KP
-from .rule import OK, SLOW_ENOUGH
+from .haegglund import DEFAULT_KP, OK, SLOW_ENOUGH
 
 FLOOR = 3.0  # smallest mean error of a half period, in standard deviations of the filtered error
 AFTER_MOVE = 2.0  # integral times: a half period shorter than this passes a setpoint move on to the next

@@ -29,6 +29,7 @@ WORTH_TELLING = 1.08
 # a short way ahead most of the error is load that nobody can know and noise: there it must be larger at all
 WORTH_AHEAD = 1.002
 LOOK_AROUND = 150  # random trials of an effect with many valleys after another was taken out
+GAPS, SECOND = (0.01, 0.04), 0.25  # dead bands [span] that are fitted at once with a second lag, a share of Ti
 NOTHING = 0.05  # of the noise of PV: an effect that moves PV by less does nothing
 
 
@@ -74,26 +75,41 @@ class Found(Frozen, eq=False):
 
 def baseline(problem: Problem) -> Fit:
     """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
+    found = plain_fits(problem)
+    return Judge(problem, min(f.shape.lag for f in found)).best(found)
+
+
+def rich_fit(judge: Judge, effects: Sequence[Effect]) -> Fit:
+    """Fit at once what loops have most often: play, a second lag, and steps of the load where they help.
+
+    Each alone may gain nothing where the lag of a model without the others has moved to make up for them.
+    """
+    play, lag, steps = (next(e for e in effects if e.name == name) for name in ("backlash", "second_lag", "load_step"))
+    second = Part(lag, {"tau2": SECOND * (judge.problem.settings.Ti or judge.lag)})
+    found = [f for d in GAPS for f in plain_fits(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))]
+    return judge.best([*found, *filter(None, (candidate(judge, f, steps, must=True) for f in found))])
+
+
+def plain_fits(problem: Problem, parts: tuple[Part, ...] = ()) -> list[Fit]:
+    """Fit a process of one lag, and `parts` beside it, from several lags and noises."""
     guess = problem.settings.Ti or problem.duration / 60.0
-    found: list[Fit] = []
-    seen: list[float] = []
+    found, seen = list[Fit](), list[float]()
     for share in (1.0, 0.25, 4.0):
         lag = min(max(share * guess, problem.interval), problem.duration / 10.0)
         # a wandering load can hide that the model is poor: start from the smallest error, too
         for ratio in (1.0, 1e-3):
             solver = Solver(problem, Noise(ratio, 3.0 * lag, lag))
-            shape = descend(solver, Shape(lag, problem.delay or 0.0))
+            shape = descend(solver, Shape(lag, problem.delay or 0.0, parts))
             # starts that came to the same lag come to the same fit
             if all(abs(np.log(shape.lag / other)) > SAME_LAG for other in seen):
                 found.append(fit(problem, shape, refit_noise(solver, shape, Noise(1.0, 3.0 * lag, lag))))
             seen.append(shape.lag)
-    return Judge(problem, min(f.shape.lag for f in found)).best(found)
+    return found
 
 
 def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
-    """Add effects to `start` while each brings enough; then swap and take out until nothing does better.
-
-    Where the usual effects leave more than noise and load, the seldom ones are tried, too.
+    """Add effects to `start` while each brings enough, or begin with several; then swap and take out until nothing does
+    better. Where the usual effects leave more than noise and load, the seldom ones are tried, too.
     """
     judge = Judge(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
@@ -110,6 +126,10 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
             worth = [t for t in worth if better(problem, t).rmse_holdout < limit] or worth
         now = worth[0]
     found = settled(Found(start, first, longest_first(judge, now), {}, judge, Left()), effects, known)
+    if usual and not start.shape.parts:
+        now = prune(judge, rich_fit(judge, usual), start, known)[0]
+        if judge.score(now) < judge.score(found.final) - ENOUGH:
+            found = settled(replace(found, final=now), effects, known)
     final, names = found.final, {effect.name for effect in seldom}
     others = [there for (_, other), there in found.instead.items() if other in names]
     # steps and bends of a load follow what they are not, and leave nothing that would show it

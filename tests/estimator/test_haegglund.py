@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.haegglund import estimate
-from backlash_cli.estimator.rule import WHY, dead_band, gate, mean_error, output_change
+from backlash_cli.estimator.haegglund import WHY, dead_band, estimate, gate, mean_error, output_change
 from backlash_cli.half_periods import Segments
 from backlash_cli.record import LoopSettings
 

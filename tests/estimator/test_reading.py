@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.haegglund import error_scanner, estimate
+from backlash_cli.estimator.haegglund import OK, TOO_SHORT, WHY, error_scanner, estimate
 from backlash_cli.estimator.quality import data_quality
 from backlash_cli.estimator.reading import densest, filtered_noise, gathered, output_noise, read_half_periods
-from backlash_cli.estimator.rule import OK, TOO_SHORT, WHY
 from backlash_cli.half_periods import double_lag
 from backlash_cli.record import LoopSettings, Note
 from backlash_cli.results import Cluster, Estimates

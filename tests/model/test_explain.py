@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from backlash_cli import read
 from backlash_cli.effects import Effect, Parameter, Stage
 from backlash_cli.errors import MetadataError, UsageError
 from backlash_cli.model import explain
@@ -32,6 +33,15 @@ def test_a_gap_is_found_with_its_size_and_the_error_falls_to_the_noise() -> None
     assert abs(d.value - 0.03) < 1.5 * half < 0.004
     assert found.steps[-1].rmse_holdout < 0.6 * found.steps[0].rmse_holdout
     assert found.unexplained is not None and found.unexplained < 0.3
+
+
+def test_effects_that_show_only_together_are_found_together() -> None:
+    # play, a second lag and two load steps: none of them alone gains anything where the lag has made up for the others
+    found = explain(read("sample_data/plant.csv")["TIC202"])
+    assert {e.effect for e in found.effects} == {"backlash", "second_lag", "load_step"}
+    sizes = {e.effect: e.parameters["d"].value for e in found.effects if "d" in e.parameters}
+    assert sizes["backlash"] == pytest.approx(0.05, rel=0.05)
+    assert found.steps[-1].rmse_holdout < 0.3 * found.steps[0].rmse_holdout
 
 
 def test_nothing_is_missing_where_nothing_is_missing() -> None:
