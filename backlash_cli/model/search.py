@@ -75,7 +75,7 @@ class Found(Frozen, eq=False):
 
 def baseline(problem: Problem) -> Fit:
     """Fit gain, lag and offset, plus the dead time of the settings where they give one."""
-    found = plain_fits(problem)
+    found = fits_with(problem, ())
     return Judge(problem, min(f.shape.lag for f in found)).best(found)
 
 
@@ -86,12 +86,12 @@ def rich_fit(judge: Judge, effects: Sequence[Effect]) -> Fit:
     """
     play, lag, steps = (next(e for e in effects if e.name == name) for name in ("backlash", "second_lag", "load_step"))
     second = Part(lag, {"tau2": SECOND * (judge.problem.settings.Ti or judge.lag)})
-    found = [f for d in GAPS for f in plain_fits(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))]
+    found = [f for d in GAPS for f in fits_with(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))]
     return judge.best([*found, *filter(None, (candidate(judge, f, steps, must=True) for f in found))])
 
 
-def plain_fits(problem: Problem, parts: tuple[Part, ...] = ()) -> list[Fit]:
-    """Fit a process of one lag, and `parts` beside it, from several lags and noises."""
+def fits_with(problem: Problem, parts: tuple[Part, ...]) -> list[Fit]:
+    """Fit gain, lag and offset, and `parts` beside them, from several lags and noises."""
     guess = problem.settings.Ti or problem.duration / 60.0
     found, seen = list[Fit](), list[float]()
     for share in (1.0, 0.25, 4.0):

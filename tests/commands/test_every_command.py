@@ -55,6 +55,7 @@ def test_unknown_command_names_the_nearest():
 @pytest.mark.parametrize("name", NAMES)
 def test_the_page_gives_what_the_function_takes(name):
     command = cli.commands[name]
+    assert command.callback is not None
     inspect.signature(function_of(name)).bind(**{p.name: None for p in command.params})
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def test_a_gap_is_found_with_its_size_and_the_error_falls_to_the_noise() -> None
 
 def test_effects_that_show_only_together_are_found_together() -> None:
     # play, a second lag and two load steps: none of them alone gains anything where the lag has made up for the others
-    found = explain(read("sample_data/plant.csv")["TIC202"])
+    found = explain(read(Path(__file__).parents[2] / "sample_data" / "plant.csv")["TIC202"])
     assert {e.effect for e in found.effects} == {"backlash", "second_lag", "load_step"}
     sizes = {e.effect: e.parameters["d"].value for e in found.effects if "d" in e.parameters}
     assert sizes["backlash"] == pytest.approx(0.05, rel=0.05)
