@@ -270,8 +270,7 @@ def table(judge: Judge, base: Fit, effects: Iterable[Effect]) -> dict[str, Fit]:
             like_gain = max((gains.get(name, 0.0) for name in effect.fitting.siblings), default=0.0)
             if like_gain < HOPEFUL * max(gains.values()):
                 continue
-        found = candidate(judge, base, effect, known=out)
-        if found is not None:
+        if (found := candidate(judge, base, effect, known=out)) is not None:
             out[effect.name] = found
     return out
 

@@ -86,7 +86,7 @@ def rich_fit(judge: Judge, effects: Sequence[Effect]) -> Fit:
     """
     play, lag, steps = (next(e for e in effects if e.name == name) for name in ("backlash", "second_lag", "load_step"))
     second = Part(lag, {"tau2": SECOND * (judge.problem.settings.Ti or judge.lag)})
-    found = [f for d in GAPS for f in fits_with(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))]
+    found = [judge.best(fits_with(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))) for d in GAPS]
     return judge.best([*found, *filter(None, (candidate(judge, f, steps, must=True) for f in found))])
 
 
@@ -127,9 +127,7 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
         now = worth[0]
     found = settled(Found(start, first, longest_first(judge, now), {}, judge, Left()), effects, known)
     if usual and not start.shape.parts:
-        now = prune(judge, rich_fit(judge, usual), start, known)[0]
-        if judge.score(now) < judge.score(found.final) - ENOUGH:
-            found = settled(replace(found, final=now), effects, known)
+        found = kept(found, prune(judge, rich_fit(judge, usual), start, known)[0], effects, known)
     final, names = found.final, {effect.name for effect in seldom}
     others = [there for (_, other), there in found.instead.items() if other in names]
     # steps and bends of a load follow what they are not, and leave nothing that would show it
@@ -142,10 +140,14 @@ def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
             grounds[process.names] = fit(problem, process, final.noise)
         for ground in grounds.values():
             others += table(judge, ground, seldom).values()
-    if others and judge.score(judge.best(others)) < judge.score(final) - ENOUGH:
-        other = settled(replace(found, final=judge.best(others)), effects, others)
-        found = other if judge.score(other.final) < judge.score(final) - ENOUGH else found
-    return found
+    return kept(found, judge.best(others), effects, others) if others else found
+
+
+def kept(found: Found, other: Fit, effects: Sequence[Effect], known: list[Fit]) -> Found:
+    """Return what `other` settles to, where it does better by ENOUGH before and after; else what was found."""
+    limit = found.judge.score(found.final) - ENOUGH
+    there = settled(replace(found, final=other), effects, known) if found.judge.score(other) < limit else found
+    return there if found.judge.score(there.final) < limit else found
 
 
 def settled(found: Found, effects: Sequence[Effect], known: list[Fit]) -> Found:
@@ -191,8 +193,7 @@ def in_place(found: Found, effects: Sequence[Effect]) -> dict[tuple[str, str], F
         for other in by_name:
             if other in near and other not in found.final.shape.without(name).names and (name, other) not in instead:
                 base = bare if other in part.effect.fitting.siblings else found.without[name]
-                there = candidate(judge, base, by_name[other], known={name: found.final}, must=True)
-                if there is not None:
+                if there := candidate(judge, base, by_name[other], known={name: found.final}, must=True):
                     instead[name, other] = there
     return instead
 
