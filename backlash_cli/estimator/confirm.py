@@ -251,7 +251,7 @@ def memory(values: FloatArray) -> float:
     """Lag [samples] at which the autocorrelation of values (samples,) has fallen to 1/e; of a loop about 2 Ti."""
     v = values[: 1 << 18]
     below = np.flatnonzero(autocorrelation(v, len(v)) < 1.0 / np.e)
-    return float(below[0]) if len(below) else float(len(v))
+    return float(max(below[0], 1)) if len(below) else float(len(v))
 
 
 def _evidence(asked: Sequence[Asked]) -> float:

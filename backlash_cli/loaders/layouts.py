@@ -151,7 +151,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     named = [i for i in values if head.plain[i] in VALUE]
     single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):
-        return Layout(kind, (stamps,), tuple(values), naming, {} if naming else _quality_beside(head, values))
+        marks = [i for i, word in enumerate(head.plain) if i not in (*used, *values) and is_quality_name(word)]
+        return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, [*values, *marks]))
     rest = [i for i in values if i not in named]
     quality = ([i for i in rest if is_quality_name(head.plain[i])]
                or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
@@ -246,7 +247,11 @@ def _pairs(head: Head) -> Layout:
 
 
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
-    """Columns of quality by the columns they mark: by name, or the one before."""
+    """Columns of quality by the columns they mark: by name, the one before, or all where one stands at either end."""
+    signals = [i for i in values if head.tags[i].role in SIGNALS]
+    alone = [i for i in values if is_quality_name(head.plain[i])]
+    if len(alone) == 1 and signals and not min(signals) < alone[0] < max(signals) and len(signals) > 1:
+        return dict.fromkeys(signals, alone[0])
     measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
     quality: dict[int, int] = {}
     for i in values:

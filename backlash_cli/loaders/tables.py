@@ -314,8 +314,9 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
             own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
                           notes=(*axis.notes, *notes))
             found += [replace(one, axis=own) for one in (
-                [Series(f"{name}.{head.names[i]}", name, signal_role(head.names[i]), head.names[i], i)
-                 for i in layout.values if i not in blank] if tall else [of_tag(head, layout, name, layout.values[0])])]
+                [replace(of_tag(head, layout, f"{name}.{head.names[i]}", i), loop=name, signal=head.names[i],
+                         role=signal_role(head.names[i])) for i in layout.values if i not in blank] if tall else
+                [of_tag(head, layout, name, layout.values[0])])]
     return found
 
 

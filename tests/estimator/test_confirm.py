@@ -224,3 +224,7 @@ def test_sampling_too_coarse_for_the_rule_is_no_reason_to_say_nothing(worn: Reco
     assert report.confirmation is not None
     assert report.estimates == () or not len(report.estimates)
     assert "rule_left_out" in [note.code for note in report.warnings]
+
+
+def test_a_loop_whose_error_is_always_zero_is_no_fault() -> None:
+    assert memory(np.zeros(400)) == 1.0  # samples: shorter than one is no memory
