@@ -249,7 +249,7 @@ def _pairs(head: Head) -> Layout:
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     """Columns of quality by the columns they mark: by name, the one before, or all where one stands at either end."""
     signals = [i for i in values if head.tags[i].role in SIGNALS]
-    alone = [i for i in values if is_quality_name(head.plain[i])]
+    alone = [i for i in values if head.plain[i] in COLUMNS["quality"]]  # no OP.Quality
     if len(alone) == 1 and signals and not min(signals) < alone[0] < max(signals) and len(signals) > 1:
         return dict.fromkeys(signals, alone[0])
     measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}

@@ -25,12 +25,14 @@ def test_a_quality_of_the_row_marks_every_signal(tmp_path, head):
         assert np.count_nonzero(record.state == SampleState.GOOD) == 280
 
 
-def test_a_quality_behind_pv_marks_pv_alone(tmp_path):
-    lines = ["Time,SP,PV,Quality,OP"]
-    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},"
-              f"{'Bad' if k == 110 else 'Good'},{40 + np.cos(k / 7):.3f}" for k in range(300)]
+@pytest.mark.parametrize("head", ["Time,SP,OP,PV,PV.Quality", "Time,FIC101.SP,FIC101.OP,FIC101.PV,FIC101.PV.Quality"])
+def test_a_quality_of_one_signal_marks_that_alone(tmp_path, head):
+    lines = [head]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{40 + np.cos(k / 7):.3f},{50 + np.sin(k / 7):.3f},"
+              f"{'Bad' if k == 110 else 'Good'}" for k in range(300)]
     path = tmp_path / "FIC101.csv"
     path.write_text("\n".join(lines) + "\n")
     (record,) = read(path)
-    assert np.isfinite(record.output[record.index == 110]).all()
+    (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
+    assert "PV" in bad and "OP" not in bad and "SP" not in bad
     assert record.state[record.index == 110] != SampleState.GOOD
