@@ -147,12 +147,11 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
-              and not head.is_time(i) and not (kind == "tall" and is_quality_name(word))]
+              and not head.is_time(i)]
     named = [i for i in values if head.plain[i] in VALUE]
     single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):
-        marks = [i for i, word in enumerate(head.plain) if i not in (*used, *values) and is_quality_name(word)]
-        return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, [*values, *marks]))
+        return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
     rest = [i for i in values if i not in named]
     quality = ([i for i in rest if is_quality_name(head.plain[i])]
                or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
@@ -248,13 +247,15 @@ def _pairs(head: Head) -> Layout:
 
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     """Columns of quality by the columns they mark: by name, the one before, or all where one stands at either end."""
-    signals = [i for i in values if head.tags[i].role in SIGNALS]
-    alone = [i for i in values if head.plain[i] in COLUMNS["quality"]]  # no OP.Quality
-    if len(alone) == 1 and signals and not min(signals) < alone[0] < max(signals) and len(signals) > 1:
-        return dict.fromkeys(signals, alone[0])
+    signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
+    values = [i for i in values if not (head.plain[i] in COLUMNS["quality"] and i in head.texts
+                                        and mode_words(head.words(i)))]  # Status: AUTO, MANUAL
+    row = [i for i in values if head.plain[i] in COLUMNS["quality"]]  # no OP.Quality
+    if len(row) != 1 or len(signals) < 2 or min(signals) < row[0] < max(signals):
+        row = []
     measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
-    quality: dict[int, int] = {}
-    for i in values:
+    quality = {i: mark for mark in row for i in signals}
+    for i in (i for i in values if i not in row):
         tag, before = head.tags[i], i - 1
         if tag.role == "quality" and tag.of in head.names:
             quality[head.names.index(tag.of)] = i

@@ -308,14 +308,14 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         # rows without a stamp, such as headers in between, are no samples
         keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
-    found = []
+    found, unread = [], {*blank, *layout.quality.values()}
     for number, name in enumerate(tags):
         if count := int(grouped.rows(number).sum()):
             own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
                           notes=(*axis.notes, *notes))
             found += [replace(one, axis=own) for one in (
                 [replace(of_tag(head, layout, f"{name}.{head.names[i]}", i), loop=name, signal=head.names[i],
-                         role=signal_role(head.names[i])) for i in layout.values if i not in blank] if tall else
+                         role=signal_role(head.names[i])) for i in layout.values if i not in unread] if tall else
                 [of_tag(head, layout, name, layout.values[0])])]
     return found
 

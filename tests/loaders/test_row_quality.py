@@ -6,7 +6,7 @@ import pytest
 from backlash_cli import read
 from backlash_cli.record import SampleState
 
-HEADS = ("Time,SP,PV,OP,Quality", "Time,Quality,SP,PV,OP", "Time,Loop,SP,PV,OP,Status",
+HEADS = ("Time,SP,PV,OP,Quality", "Time,Quality,SP,PV,OP", "Time,Loop,SP,PV,OP,Status", "Time,SP,PV,OP,Quality,MODE",
          "Time,FIC101.SP,FIC101.PV,FIC101.OP,FIC102.SP,FIC102.PV,FIC102.OP,OPCQuality")
 
 
@@ -14,7 +14,7 @@ HEADS = ("Time,SP,PV,OP,Quality", "Time,Quality,SP,PV,OP", "Time,Loop,SP,PV,OP,S
 def test_a_quality_of_the_row_marks_every_signal(tmp_path, head):
     names, lines = head.split(","), [head]
     for k in range(300):
-        cells = {"Time": f"2026-03-17 08:{k // 60:02d}:{k % 60:02d}", "Loop": "FIC101", "SP": "50",
+        cells = {"Time": f"2026-03-17 08:{k // 60:02d}:{k % 60:02d}", "Loop": "FIC101", "MODE": "AUTO", "SP": "50",
                  "PV": f"{50 + np.sin(k / 7):.3f}", "OP": f"{40 + np.cos(k / 7):.3f}"}
         mark = "Bad" if 100 <= k < 120 else "Good"
         lines.append(",".join(cells.get(name.split(".")[-1], mark) for name in names))
@@ -36,3 +36,26 @@ def test_a_quality_of_one_signal_marks_that_alone(tmp_path, head):
     (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
     assert "PV" in bad and "OP" not in bad and "SP" not in bad
     assert record.state[record.index == 110] != SampleState.GOOD
+
+
+def test_a_quality_of_one_signal_counts_beside_that_of_the_row(tmp_path):
+    lines = ["Time,FIC101.SP,FIC101.PV,FIC101.PV.Quality,FIC101.OP,Quality"]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},{'Bad' if k == 110 else 'Good'},"
+              f"{40 + np.cos(k / 7):.3f},{'Bad' if k == 210 else 'Good'}" for k in range(300)]
+    path = tmp_path / "FIC101.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (record,) = read(path)
+    told = [note.message for note in record.notes if note.code == "bad_quality"]
+    assert any("PV" in message for message in told) and any("OP" in message for message in told)
+    assert record.state[record.index == 110] != SampleState.GOOD
+
+
+def test_modes_called_status_are_no_quality(tmp_path):
+    lines = ["Time,SP,PV,OP,Status"]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},{40 + np.cos(k / 7):.3f},"
+              f"{'MANUAL' if 100 <= k < 130 else 'AUTO'}" for k in range(300)]
+    path = tmp_path / "FIC101.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (record,) = read(path)
+    assert "bad_quality" not in [note.code for note in record.notes]
+    assert np.count_nonzero(record.state == SampleState.MANUAL) == 30
