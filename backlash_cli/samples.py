@@ -10,6 +10,7 @@ from .words import WORDS, noted
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
+APART, MOSTLY = 1.0 / 3.0, 0.95  # spans between SP and PV that are no control error in this share of a record
 LIMIT_RUN = 3  # samples at the limit that make saturation
 FROZEN_RUN = 10  # equal samples below which nothing is called frozen
 FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
@@ -17,8 +18,10 @@ LEAST_CHANGES = 50  # changes that any working measurement shows in a record, ho
 RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
+STANDINS = (-32768.0, 32767.0, 65535.0, *(sign * ten - sign for ten in (1e3, 1e4, 1e5, 1e6) for sign in (-1.0, 1.0)))
+CONVERTED = 3.0  # times larger or smaller: another unit, no other state of the plant
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
-FAR = 8.0  # usual moves from one sample to the next that a zero must lie outside of all others
+FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
 
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
@@ -89,22 +92,47 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
 
 
-def lone_zeros(values: FloatArray) -> NDArray[np.bool_] | None:
-    """(rows,) True where up to LONE samples are exactly 0 and lie far outside all others: FAR usual moves (99.9 %) and
-    a fifth of the distance that all others span; None where there are none."""
-    zero = values == 0.0
-    if not zero.any() or zero.all():
-        return None
-    rest = values[~zero & np.isfinite(values)]
-    if len(rest) < 20:
-        return None
-    low, high = float(rest.min()), float(rest.max())
-    nearest = low if low > 0.0 else -high if high < 0.0 else 0.0
-    if nearest <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
-        return None
-    starts, ends = runs(zero)
-    few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
-    return inside(starts[few], ends[few], len(values)) if few.any() else None
+def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
+    """(rows,) True where samples are exactly 0, up to LONE in a row, or one of STANDINS, and lie far outside all
+    others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; None where there are none."""
+    found = None
+    for number in sorted({0.0, *STANDINS} & {0.0, float(np.fmin.reduce(values, initial=np.inf)),
+                                             float(np.fmax.reduce(values, initial=-np.inf))}, key=abs, reverse=True):
+        same = values == number
+        rest = values[~same & np.isfinite(values)] if same.any() else values[:0]
+        if len(rest) < 20:
+            continue
+        low, high = float(rest.min()) - number, float(rest.max()) - number
+        if max(low, -high) <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
+            continue
+        if not number:
+            starts, ends = runs(same)
+            few = (ends - starts <= LONE) & (starts > 0) & (ends < len(values))
+            same = inside(starts[few], ends[few], len(values))
+        values, found = np.where(same, np.nan, values), same if found is None else found | same
+    return found if found is not None and found.any() else None
+
+
+def unit_change(values: FloatArray) -> int:
+    """Return after how many samples a signal goes on CONVERTED times as large or small, for good, with the same
+    relative moves from sample to sample, at one stroke; 0 where it does not."""
+    rows = np.arange(0, len(values), max(1, len(values) // 2000))
+    rows = rows[values[rows] > 0.0]
+    for up in (1, -1):
+        some = values[rows[::up]]
+        if len(some) < 100:
+            return 0
+        cut = 1 + int(np.argmax(np.minimum.accumulate(some[::-1])[::-1][1:] / np.maximum.accumulate(some)[:-1]))
+        below, above = some[:cut], some[cut:]
+        if min(cut, len(above)) < 20 or above.min() < CONVERTED * below.max():
+            continue
+        moves, others = (float(np.median(np.abs(np.diff(np.log(part))))) for part in (below, above))
+        at = cut if up > 0 else len(rows) - cut
+        near = values[rows[at - 1] : rows[at] + 1]
+        sizes = np.log(near[near > 0.0])
+        if 0.6 * moves < others < 1.7 * moves and np.abs(np.diff(sizes)).max() > np.log(CONVERTED):
+            return int(rows[at])
+    return 0
 
 
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}
@@ -114,6 +142,8 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
     """Say how many of all "samples" are of these kinds, in order."""
     found, samples = [], counts["samples"]
     for kind in filter(counts.get, kinds):
+        if kind in ("apart", "copied") and counts[kind] < MOSTLY * samples:
+            continue
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
@@ -130,7 +160,8 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
     missing = ~np.isfinite(y)
-    marks = {"wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
+    marks = {"apart": None if sp is None else np.abs(sp - y) > APART, "copied": None if sp is None else sp == y,
+             "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)

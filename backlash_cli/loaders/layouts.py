@@ -69,7 +69,8 @@ class Head(Frozen):
         called = [is_time_name(name) or tag.role == "time" for name, tag in zip(self.names, self.tags, strict=True)]
         found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
             self.columns[i].type) and (self.is_time(i) or (called[i] and i in self.numbers))] or [
-                i for i, name in enumerate(self.names) if is_time_name(name)][:1]
+                i for i, name in enumerate(self.names) if is_time_name(name)][:1] or [  # of intervals, where they begin
+                    i for i, word in enumerate(self.plain) if word in BOUNDS and self.is_time(i)][:1]
         if not found:  # a column that goes on, or back, may count since 1970; one that stands first may count anything
             begun = {i: stored(self.columns[i].slice(0, 200), {})[0] for i in self.numbers if not self.tags[i].role}
             steps = {i: np.diff(values) for i, values in begun.items() if len(values) > 1}
@@ -94,6 +95,13 @@ class Head(Frozen):
         halves = [i for i in self.texts if (self.plain[i] == "ampm" or not self.tags[i].role) and " ".join(
             sorted({word.strip().upper() for word in self.words(i)})) in ("AM", "PM", "AM PM")]
         return clocks | dict.fromkeys(halves, "half") | {i: u for u, i in found.items() if u in (*date, *OF_DAY)}
+
+    @cached_property
+    def ids(self) -> list[int]:
+        """Columns of tags that are numbers, as keys of a data base are, beside a column of values."""
+        beside = not VALUE.isdisjoint(self.plain)
+        return [i for i in self.numbers if beside and self.plain[i] in TAG and pa.types.is_integer(
+            self.columns[i].type) and not self.counts(i)]
 
     @cached_property
     def texts(self) -> list[int]:
@@ -141,9 +149,9 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    naming = name_columns(head, texts) if kind == "long" else tuple(
-        sorted((i for i in texts if head.plain[i] in GROUPS | TAG), key=lambda i: head.plain[i] not in GROUPS)[:1]
-        if kind == "tall" else ())
+    naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(
+        sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
+               key=lambda i: (head.plain[i] not in LOOP, -len(head.words(i))))[:1] if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
@@ -173,7 +181,7 @@ def _recognise(head: Head) -> str:
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
     if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
-    return "long" if texts and head.times and not wide and name_columns(head, texts) else "wide"
+    return "long" if head.times and not wide and (head.ids or name_columns(head, texts)) else "wide"
 
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:

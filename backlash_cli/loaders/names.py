@@ -80,7 +80,8 @@ def split_tag(text: str) -> Tag:
     name = _SERVER.sub("", text.strip())
     name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
-    known = any(plain(piece) in COLUMNS["time"] or is_quality_name(plain(piece)) for piece in pieces)
+    known = any(plain(piece) in COLUMNS["time"] | COLUMNS["statistic"] or is_quality_name(plain(piece))
+                for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
         whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
             p == pieces[0] or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
@@ -88,8 +89,9 @@ def split_tag(text: str) -> Tag:
             return whole.pop()
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
         before, role = bracket[1], signal_role(bracket[2])
-        name = (f"{bracket[2]}.{before}" if "{" in name and signal_role(before) else f"{before}.{bracket[2]}"
-                if role and role != split_tag(before).role else before or bracket[2])
+        name = (f"{bracket[2]}.{before}" if "{" in name and signal_role(before) else f"{before}.{bracket[2]}" if (
+            role and role != split_tag(before).role) or plain(bracket[2]) in COLUMNS["statistic"] else
+            before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)
@@ -100,6 +102,9 @@ def split_tag(text: str) -> Tag:
     marks = is_quality_name(last)
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
+    rest = name[parts[0].end() :].strip(" .-_/:|")
+    if len(name) <= NESTED_LIMIT and is_quality_name(plain(parts[0][1])) and is_whole(rest):
+        return Tag(split_tag(rest).loop, "quality", parts[0][1], of=rest)  # Quality FIC101.PV
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
         kept = parts[: len(parts) - drop]

@@ -67,6 +67,7 @@ _REWRITTEN = (
      ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
     (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
      ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))))
+RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED = 40  # lines at most of one cell in quotes
 Line = tuple[int, int, str]
@@ -279,7 +280,9 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     if not lines:
         raise InputError(**explained("no_data"), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
-    for form, changes in () if options.delimiter or declared else _REWRITTEN:
+    ruled = next((line.rstrip() for _, _, line in lines[:30] if RULER.match(line)), "")
+    forms = (_at_edges(ruled), *_REWRITTEN) if ruled else _REWRITTEN
+    for form, changes in () if options.delimiter or declared else forms:
         if 2 * sum(bool(form.match(lines[i][2])) for i in last) > len(last):
             text.rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
                          for block in chain([text.head], text.rest))
@@ -323,6 +326,15 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     return Head(where, title if titled else stem, names, (), kinds, partition,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
+
+
+def _at_edges(ruler: str) -> tuple[re.Pattern[str], tuple[tuple[re.Pattern[bytes], bytes], ...]]:
+    """Lines as long as a ruler of dashes, and what puts tabs between the cells below its dashes, in bytes of UTF-8."""
+    widths = [len(part) for part in ruler.split()[:-1]]
+    cells = b" ".join(rb"((?:[^\n][\x80-\xbf]*){%d})" % width for width in widths)
+    tabs = b"".join(rb"\%d\t" % number for number in range(1, len(widths) + 1))
+    return re.compile(f".{{{ruler.rindex(' ')}}} "), (
+        (re.compile(rb"(?m)^" + cells + b" "), tabs), (re.compile(rb" *\t *"), b"\t"), _REWRITTEN[0][1][0])
 
 
 def _delimiter(lines: list[str], first: list[str]) -> str:
@@ -377,6 +389,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
+    rows = [cells[:width] if plain(cells[-1]) in COLUMNS["ignored"] else cells for cells in rows]  # a remark: no cells
     rows = [cells for cells in rows if _spans(cells, width)]
     notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
@@ -416,7 +429,7 @@ def score_names(cells: list[str]) -> float:
     points = 0.0
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
-            points += 1.5 if split_tag(cell).loop else 1.0
+            points += (1.4 if " " in split_tag(cell).loop else 1.5) if split_tag(cell).loop else 1.0  # Feed flow SP
         elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
-from ..samples import lone_zeros
+from ..samples import no_values, unit_change
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
@@ -345,11 +345,13 @@ class Joiner:
         if marks is not None:
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
             good, notes = good_samples(marks, self.good_quality, item.quality, known)
-        for code in ("bad_quality", "lone_zeros"):
-            wrong = lone_zeros(values) if code == "lone_zeros" else None if good is None else ~good
+        for code in ("bad_quality", "no_values"):
+            wrong = no_values(values) if code == "no_values" else None if good is None else ~good
             faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
             if wrong is not None and wrong.any():
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)
+        at = unit_change(values) if item.role in ("pv", "op") else 0
+        faults["unit_change", item.tag] = Counter({"": (len(values) - at) * (at > 0)})
         return Signal(times, values, bad, tuple(notes), faults)
 
 

@@ -80,7 +80,7 @@ def test_lone_zeros_far_outside_are_named_and_not_used(tmp_path, runs):
         lines[k + 1] = ",".join(cells)
     record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
     assert (record.measurement > 0.3).all() and set(np.flatnonzero(record.state)) == rows
-    (note,) = [n for n in record.notes if n.code == "lone_zeros"]
+    (note,) = [n for n in record.notes if n.code == "no_values"]
     assert note.message.startswith(f"{len(rows)} samples of FIC101.PV jump to exactly 0")
 
 
@@ -91,7 +91,7 @@ def test_zeros_that_belong_to_the_signal_are_kept(tmp_path):
     for k, value in enumerate(values):
         lines[k + 1][2] = f"{value}"
     record = read(save(tmp_path, "\n".join(map(",".join, lines)) + "\n"))["FIC101"]
-    assert "lone_zeros" not in codes(record.notes) and np.array_equal(record.measurement * 900, values)
+    assert "no_values" not in codes(record.notes) and np.array_equal(record.measurement * 900, values)
 
 
 @pytest.mark.parametrize(("form", "separator"), [("%d/%m/%Y %H:%M:%S", "/"), ("%m/%d/%Y %H:%M:%S", "/"),

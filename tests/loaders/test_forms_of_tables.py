@@ -1,0 +1,121 @@
+"""Forms of tables that products write, each with the same samples in it: read to the same loop."""
+
+import numpy as np
+import pytest
+
+from backlash_cli import read
+
+ROWS = 300
+K = np.arange(ROWS)
+STAMPS = [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d}" for k in K]
+SIGNALS = {"SP": np.full(ROWS, 50.0), "PV": np.round(50 + np.sin(K / 7), 3), "OP": np.round(40 + np.cos(K / 7), 3)}
+
+
+def long(widths, right="", tails=("", "", "")):
+    """A row per sample, in columns of full width with one blank between them and dashes below their names."""
+    rows = [(s, f"FIC101.{role}", f"{v:g}") for k, s in enumerate(STAMPS) for role, v in zip(
+        SIGNALS, (x[k] for x in SIGNALS.values()), strict=True)]
+    cells = [("DateTime", "TagName", "Value"), tuple("-" * w for w in widths), *rows]
+    return "".join(" ".join(c.rjust(w) if i == 2 and right else c.ljust(w) for i, (c, w) in enumerate(
+        zip(row, widths, strict=True))) + tails[min(k, 2)] + "\n" for k, row in enumerate(cells))
+
+
+def wide(*heads, role_of=tuple(SIGNALS), extra=lambda k: ()):
+    return "\n".join([*heads, *(",".join([STAMPS[k], *(f"{SIGNALS[r][k]:g}" for r in role_of), *extra(k)])
+                                for k in K)]) + "\n"
+
+
+FORMS = {
+    "text of a query": long((19, 9, 8)),
+    "text of a query, numbers to the right": long((19, 9, 8), "yes", (" STATUS", " ------", " Good  ")),
+    "text of a query, with its count": long((19, 9, 8)) + "\n(900 rows affected)\n",
+    "descriptions below tags": wide(
+        ",FIC101.SP,FIC101.PV,FIC101.OP", "Description,Feed flow SP,Feed flow PV,Feed flow OP", "Units,t/h,t/h,%"),
+    "average, least and most of each": wide(
+        "Time," + ",".join(f"FIC101.{s} ({what})" for s in SIGNALS for what in ("Min", "Avg", "Max")),
+        role_of=("OP", "SP", "OP", "SP", "PV", "SP", "PV", "OP", "PV")),
+    "a constant measurement beside the loop": wide(
+        "_time,SP,PV,OP,_measurement,loop", extra=lambda k: ("pid", "FIC101")),
+    "intervals": wide("Start Time,SP,PV,OP,End Time", extra=lambda k: (STAMPS[min(k + 1, ROWS - 1)],)),
+    "valve demand": wide("Time,FIC101.LSP,FIC101.PV,FIC101.DEMAND"),
+    "numbers beside texts": "\n".join(["timestamp,tag_name,value_num,value_txt", *(
+        f"{s},FIC101.{role},{values[k]:g}," for k, s in enumerate(STAMPS) for role, values in SIGNALS.items())]),
+    "polish months": wide("Time,FIC101.SP,FIC101.PV,FIC101.OP").replace("2026-03-17", "17-paź-2026"),
+    "a remark that has no cells": wide("Time,FIC101_SP,FIC101_PV,FIC101_OP,Comment"),
+    "ticks": "\n".join(["TagName,Ticks,Value,IsGood", *(
+        f"FIC101.{role},{639093312000000000 + 10_000_000 * k},{values[k]:g},True"
+        for role, values in SIGNALS.items() for k in K)])}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_samples_are_read(tmp_path, form):
+    path = tmp_path / "FIC101.csv"
+    path.write_text(FORMS[form], encoding="utf-8")
+    (record,) = read(path)
+    assert record.loop == "FIC101" and len(record) == ROWS and record.interval == pytest.approx(1.0)
+    low, high = record.settings.pv_range
+    np.testing.assert_allclose(low + (high - low) * record.setpoint, SIGNALS["SP"])
+    np.testing.assert_allclose(low + (high - low) * record.measurement, SIGNALS["PV"])
+    np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
+
+
+def test_tags_that_are_numbers_are_named_by_the_loops_file(tmp_path):
+    path, loops = tmp_path / "history.csv", tmp_path / "loops.toml"
+    path.write_text("tagid,floatvalue,t_stamp\n" + "".join(
+        f"{number},{values[k]:g},{1773734400000 + 1000 * k}\n" for number, values in zip(
+            (1011, 1012, 1013), SIGNALS.values(), strict=True) for k in K))
+    loops.write_text('[loops.FIC101]\nsp = "1011"\npv = "1012"\nop = "1013"\npv_range = [0, 100]\n')
+    (record,) = read(path, loops=loops)
+    np.testing.assert_allclose(100 * record.measurement, SIGNALS["PV"])
+    np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
+
+
+def test_a_block_of_qualities_behind_the_signals_marks_them(tmp_path):
+    heads = ",".join(["Time", *(f"FIC101.{s}" for s in SIGNALS), *(f"Quality FIC101.{s}" for s in SIGNALS)])
+    path = tmp_path / "history.csv"
+    path.write_text(wide(heads, extra=lambda k: ("Good", "Bad" if 100 <= k < 140 else "Good", "Good")))
+    (record,) = read(path)
+    (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
+    assert bad.startswith("40 samples of FIC101.PV") and not record.usable[100:140].any()
+
+
+def noticed(tmp_path, **changed):
+    path = tmp_path / "history.csv"
+    values = SIGNALS | changed
+    path.write_text("\n".join(["Time,FIC101.SP,FIC101.PV,FIC101.OP", *(
+        f"{s}," + ",".join(f"{values[r][k]:g}" for r in SIGNALS) for k, s in enumerate(STAMPS))]))
+    (record,) = read(path)
+    doubts = {"setpoint_apart", "setpoint_copied", "unit_change", "no_values"}
+    return record, {note.code for note in record.notes} & doubts
+
+
+@pytest.mark.parametrize(("changed", "code"), [
+    ({"SP": SIGNALS["SP"] / 100}, "setpoint_apart"), ({"SP": SIGNALS["PV"]}, "setpoint_copied"),
+    ({"OP": np.where(K < 200, SIGNALS["OP"], SIGNALS["OP"] / 100)}, "unit_change"),
+    ({r: np.where(K < 200, SIGNALS[r], SIGNALS[r] * 4.403) for r in ("SP", "PV")}, "unit_change"),
+    ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change")])
+def test_doubtful_units_are_said(tmp_path, changed, code):
+    assert code in noticed(tmp_path, **changed)[1]
+
+
+@pytest.mark.parametrize("changed", [
+    {}, {r: np.where(K < 150, SIGNALS[r] / 4, SIGNALS[r]) + (r == "PV") * np.sin(K) for r in ("SP", "PV")},  # a grade
+    {"OP": np.where(K < 100, 0.0, SIGNALS["OP"])}, {"PV": SIGNALS["PV"] - 5.0},
+    {r: SIGNALS[r] * np.exp(np.clip((K - 150) / 20, 0, 2)) for r in ("SP", "PV")}])  # a start-up
+def test_other_moves_are_no_change_of_units(tmp_path, changed):
+    assert not noticed(tmp_path, **changed)[1]
+
+
+@pytest.mark.parametrize(("number", "where"), [(-9999, slice(100, 160)), (9999, slice(0, 3)), (65535, slice(40, 41)),
+                                               (-99999, slice(290, 300))])
+def test_numbers_that_stand_for_none_are_not_used(tmp_path, number, where):
+    values = SIGNALS["SP"].copy()
+    values[where] = number
+    record, codes = noticed(tmp_path, SP=values)
+    assert codes == {"no_values"} and np.nanmax(np.abs(record.setpoint - 0.5)) < 0.4
+
+
+def test_measurements_that_reach_such_a_number_are_kept(tmp_path):
+    values = np.round(9985 + 14 * np.sin(K / 40) ** 2)
+    record, codes = noticed(tmp_path, SP=values, PV=values + 1)
+    assert "no_values" not in codes and np.isfinite(record.measurement).all()
