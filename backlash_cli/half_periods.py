@@ -131,11 +131,10 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     """
     if not len(error):
         return Segments.join([]), open_, 0
-    if open_ is None:
-        first, at_first = float(error[0]), int(index[0])
-        open_ = OpenHalfPeriod(int(np.sign(first)), float(at_first), False, 0.0, abs(first), 0.0, at_first, first,
-                               float(setpoint[0]))
-        return segment(error[1:], setpoint[1:], index[1:], open_, least)
+    if open_ is None:  # as if the first error had stood there one sample before, less the area of that step
+        first = float(error[0])
+        open_ = OpenHalfPeriod(int(np.sign(first)), float(index[0]), False, -abs(first), abs(first), 0.0,
+                               int(index[0]) - 1, first, float(setpoint[0]))
     o, n = open_, len(error)
     size, sign = np.empty(n + 1), np.empty(n + 1, dtype=np.int8)  # of the last sample before the block as well
     size[0], sign[0] = abs(o.last_error), o.sign
@@ -147,40 +146,32 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
     ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0) | apart)  # last sample of each that ends
-    firsts, lasts = np.append(0, ends + 1), np.append(ends, n)
+    firsts, crossed, before, behind = np.append(0, ends + 1), ~apart[ends], size[ends], size[ends + 1]
+    # how much of the step to the next sample lies before the error crosses zero
+    share = np.divide(before, before + behind, out=np.zeros(len(ends)), where=crossed)
     area = np.add.reduceat(size, firsts)
-    # neither area nor length can be larger than these; what begins or ends at a gap or in another block is kept
-    keep = (area >= least[0]) & (lasts - firsts + 2 >= least[1])
-    keep[[0, -1]] = True
-    keep[:-1] |= apart[ends]
-    keep[1:] |= apart[ends]
-    if left_out := len(keep) - int(np.count_nonzero(keep)):
-        firsts, lasts, area = firsts[keep], lasts[keep], area[keep]
-
-    def crossing(at: IntArray) -> tuple[NDArray[np.bool_], FloatArray]:
-        """Whether the error crosses zero behind samples, and how much of the step to the next lies before that."""
-        crossed, both = ~apart[at], size[at] + size[at + 1]
-        return crossed, np.where(crossed, size[at] / np.where(crossed, both, 1.0), 0.0)
-
-    def position(at: IntArray) -> IntArray:
-        return np.where(at > 0, index[at - 1], o.last_index)
-
-    (at_begin, share), (at_end, before) = crossing(firsts[1:] - 1), crossing(lasts[:-1])
-    area -= 0.5 * (size[firsts] + size[lasts])
-    area[:-1] += 0.5 * size[lasts[:-1]] * before
-    area[1:] += np.where(at_begin, 0.5 * size[firsts[1:]] * (1.0 - share), 0.0)
-    stretches = np.column_stack((firsts, lasts + 1)).ravel()[:-1]
-    peak, moved = np.maximum.reduceat(size, stretches)[::2], np.zeros(len(firsts))
+    area[0] += o.area - 0.5 * size[0]
+    area[-1] -= 0.5 * size[n]
+    area[:-1] -= 0.5 * before * (1.0 - share)
+    area[1:] -= 0.5 * behind * np.where(crossed, share, 1.0)
+    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
+    begin, began = np.append(o.begin, np.where(crossed, end, index[ends])), np.append(o.crossed, crossed)
+    small = began[:-1] & crossed & ((area[:-1] < least[0]) | (end - begin[:-1] < least[1]))
+    small[:1] = False  # what another block began, and what the next goes on with, is kept
+    keep = np.append((sign[ends] != 0) & ~small, True)
+    keep[0] = True
+    stretches = np.column_stack((firsts, np.append(firsts[1:], n)))[keep].ravel()[:-1]  # and what lies in between
+    peak, moved = np.maximum.reduceat(size, stretches)[::2], np.zeros(len(stretches) // 2 + 1)
     if (setpoint != o.last_setpoint).any():
         steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
         moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), stretches)[::2]
-    area[0], peak[0], moved[0] = area[0] + o.area, max(peak[0], o.e_max), moved[0] + o.move
-    begin, began = np.append(o.begin, position(firsts[1:] - at_begin) + share), np.append(o.crossed, at_begin)
-    done = Segments(begin[:-1], position(lasts[:-1]) + before, area[:-1], peak[:-1], sign[lasts[:-1]].astype(np.int64),
-                    moved[:-1], began[:-1] & at_end)
+    peak[0], moved[0] = max(peak[0], o.e_max), moved[0] + o.move
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    return done if done.direction.all() else done.select(done.direction != 0), left, left_out
+    inner = keep[:-1]
+    done = Segments(begin[:-1][inner], end[inner], area[:-1][inner], peak[:-1], sign[ends[inner]].astype(np.int64),
+                    moved[:-1], (began[:-1] & crossed)[inner])
+    return done if done.direction.all() else done.select(done.direction != 0), left, int(np.count_nonzero(small))
 
 
 class ErrorTrack:

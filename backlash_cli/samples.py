@@ -26,7 +26,9 @@ FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie ou
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    padded = np.zeros(len(flags) + 2, bool)
+    padded[1:-1] = flags
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
     return edges[0::2], edges[1::2]
 
 
@@ -118,10 +120,10 @@ def unit_change(values: FloatArray) -> int:
     relative moves from sample to sample, at one stroke; 0 where it does not."""
     rows = np.arange(0, len(values), max(1, len(values) // 2000))
     rows = rows[values[rows] > 0.0]
+    if len(rows) < 100 or values[rows].max() < CONVERTED * values[rows].min():
+        return 0
     for up in (1, -1):
         some = values[rows[::up]]
-        if len(some) < 100:
-            return 0
         cut = 1 + int(np.argmax(np.minimum.accumulate(some[::-1])[::-1][1:] / np.maximum.accumulate(some)[:-1]))
         below, above = some[:cut], some[cut:]
         if min(cut, len(above)) < 20 or above.min() < CONVERTED * below.max():
@@ -159,8 +161,8 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
-    missing = ~np.isfinite(y)
-    marks = {"apart": None if sp is None else np.abs(sp - y) > APART, "copied": None if sp is None else sp == y,
+    missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - y)
+    marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}

@@ -55,9 +55,11 @@ def gate(duration: ArrayLike, dy: ArrayLike, e_max: ArrayLike, complete: ArrayLi
 
     duration [s], dy and e_max [span], complete, d [output span]: (half_periods,).
     """
-    reasons = [~np.asarray(complete), np.asarray(duration) < SLOW_ENOUGH * Ti,
-               np.asarray(e_max) >= SHAPE_LIMIT * np.asarray(dy), np.asarray(d) <= 0.0]
-    return np.select(reasons, [INCOMPLETE, TOO_SHORT, SHAPE, NOT_POSITIVE], OK).astype(np.uint8)
+    why = np.where(np.asarray(d) <= 0.0, NOT_POSITIVE, OK).astype(np.uint8)
+    why[np.asarray(e_max) >= SHAPE_LIMIT * np.asarray(dy)] = SHAPE
+    why[np.asarray(duration) < SLOW_ENOUGH * Ti] = TOO_SHORT
+    why[~np.asarray(complete)] = INCOMPLETE
+    return why
 
 
 def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:

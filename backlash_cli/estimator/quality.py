@@ -194,7 +194,11 @@ def rounding_step(values: FloatArray) -> float:
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
     bent = np.abs(np.diff(values, 2))[index[2:] - index[:-2] == 2]
-    return 1.4826 * float(np.median(bent)) / 6.0**0.5 if len(bent) else 0.0
+    if not len(bent):
+        return 0.0
+    middle = [(len(bent) - 1) // 2, len(bent) // 2]
+    bent.partition(middle)  # np.median does that too, and takes three times as long
+    return 1.4826 * float(bent[middle].mean()) / 6.0**0.5
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:

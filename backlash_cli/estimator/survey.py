@@ -59,14 +59,15 @@ class Survey:
             self.gaps, self.longest = self.gaps + int(np.sum(steps > 2)), max(self.longest, int(steps.max()))
         self.last, usable = int(block.index[-1]), block.usable
         self.states = self.states + np.array([np.count_nonzero(block.state == state) for state in range(STATES)])
-        self.with_setpoint += int(np.count_nonzero(np.isfinite(block.setpoint)))
+        with_setpoint = np.isfinite(block.setpoint)
+        self.with_setpoint += int(np.count_nonzero(with_setpoint))
         for signal, values in enumerate((block.measurement, block.output)):
-            known = np.zeros(0) if values is None else values[usable & np.isfinite(values)]
+            known = np.zeros(0) if values is None else _of(values, usable & np.isfinite(values))
             self.lowest[signal] = np.fmin(self.lowest[signal], known.min(initial=np.inf))
             self.highest[signal] = np.fmax(self.highest[signal], known.max(initial=-np.inf))
-        setpoint = np.append(self._setpoint, block.setpoint[usable & np.isfinite(block.setpoint)])
-        self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]))
-        self._setpoint = setpoint[-1:]
+        setpoint = _of(block.setpoint, usable & with_setpoint)
+        self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]) + np.sum(self._setpoint != setpoint[:1]))
+        self._setpoint = setpoint[-1:] if len(setpoint) else self._setpoint
         while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
             self._blocks.popleft()
 
@@ -81,6 +82,11 @@ class Survey:
             one = replace(one, disturbances={}, **columns)
             self._blocks = deque([one])
         return one.slice(-self.most, len(one))
+
+
+def _of(values: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
+    """Some of the values; no copy where these are all."""
+    return values if which.all() else values[which]
 
 
 def measured(r: Record) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:

@@ -2,11 +2,12 @@
 
 import contextlib
 import re
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from itertools import chain, islice
+from itertools import accumulate, chain, islice
 from sys import intern
 from typing import Any
 
@@ -147,7 +148,7 @@ class ParquetTable:
             raise InputError(**explained("bomb", size=size, codec="Parquet", MB=decoded >> 20), where=self.where)
         if not self.count:
             raise InputError(**explained("no_rows", below=""), where=self.where)
-        self._ends = np.cumsum([about.row_group(k).num_rows for k in range(about.num_row_groups)])
+        self._ends = [*accumulate(about.row_group(k).num_rows for k in range(about.num_row_groups))]
         fields = [field for field in schema if not pa.types.is_nested(field.type)]
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
@@ -183,8 +184,8 @@ class ParquetTable:
 
     def _column(self, at: int, first: int, last: int) -> pa.ChunkedArray:
         name, ends = self._names[at], self._ends
-        groups = range(int(np.searchsorted(ends, first, "right")), int(np.searchsorted(ends, last - 1, "right")) + 1)
-        begin = int(ends[groups[0] - 1]) if groups and groups[0] else 0
+        groups = range(bisect_right(ends, first), bisect_right(ends, last - 1) + 1)
+        begin = ends[groups[0] - 1] if groups and groups[0] else 0
         try:
             column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).column(0)
         except (pa.ArrowException, OSError) as error:

@@ -277,7 +277,8 @@ class StampReader:
         return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
-        self._zones |= set(np.unique(zoned[micros != NAT]).tolist())
+        known = micros != NAT
+        self._zones |= {zone for zone in (True, False) if np.any(known & (zoned == zone))}
         return micros
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
@@ -429,6 +430,7 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     """Return dates, stamps or times of day as microseconds, NAT where they are empty or too far off."""
     kind = column.type
     usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
-    micros = column.cast(usual, safe=False).cast(pa.int64())
+    micros = (column if kind == usual else column.cast(usual, safe=False)).cast(pa.int64())
     micros = to_array(pc.fill_null(micros, NAT) if micros.null_count else micros)
-    return np.where(np.abs(micros) < LIMIT, micros, NAT)
+    far = np.abs(micros) >= LIMIT
+    return np.where(far, NAT, micros) if far.any() else micros
