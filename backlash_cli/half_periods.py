@@ -43,11 +43,12 @@ class DoubleLag(Frozen):
             ) -> tuple[FloatArray, FloatArray]:
         """Filter `values` (samples,) from `state` (2,); return output and new state. firsts: places behind a hole, at
         which the filter has rested for ever."""
-        out = np.empty(len(values))
+        parts = []
         for first, last in pairwise([0, *firsts, len(values)]):
             state = self.settled(values[first]) if first else state
-            out[first:last], state = lfilter(self.numerator, self.denominator, values[first:last], zi=state)
-        return out, state
+            part, state = lfilter(self.numerator, self.denominator, values[first:last], zi=state)
+            parts.append(part)
+        return parts[0] if len(parts) == 1 else np.concatenate(parts), state
 
 
 def double_lag(time_constant: float, interval: float) -> DoubleLag:
@@ -113,11 +114,13 @@ class OpenHalfPeriod(Frozen):
         return one.select(one.direction != 0)
 
 
-def behind_gaps(index: IntArray, before: int) -> IntArray:
-    """Return the places (gaps,) in `index` (samples,) that do not follow the one before; `before` stands ahead."""
-    if index[-1] - before == len(index):  # strictly increasing: nothing is left out
-        return np.zeros(0, np.int64)
-    return np.flatnonzero(np.append(index[0] != before + 1, index[1:] - index[:-1] != 1))
+def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
+    """Return which places in `index` (samples,) do not follow the one before; `before` stands ahead."""
+    apart = np.zeros(len(index), bool)
+    if index[-1] - before != len(index):  # strictly increasing: else nothing is left out
+        apart[0] = index[0] != before + 1
+        np.not_equal(index[1:] - index[:-1], 1, out=apart[1:])
+    return apart
 
 
 def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None,
@@ -140,8 +143,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     size[0], sign[0] = abs(o.last_error), o.sign
     np.abs(error, out=size[1:])
     np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
-    apart = np.zeros(n, bool)  # from the sample before
-    apart[behind_gaps(index, o.last_index)] = True
+    apart = behind_gaps(index, o.last_index)
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
@@ -231,12 +233,12 @@ class ErrorScanner:
                 continue
             if not self.states or index[0] != self.last_index + 1:
                 self.states = [stage.settled(pv[0]) for stage in self.stages]
-            holes = behind_gaps(index, int(index[0]) - 1)
+            holes = np.flatnonzero(behind_gaps(index, int(index[0]) - 1))
             plain, self.states[0] = self.stages[0].run(pv, self.states[0], holes)
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
             self.last_index = int(index[-1])
             use = (state <= FILLED) & np.isfinite(setpoint)
             if not use.all():
                 index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
-            self.plain.update(setpoint - plain, setpoint, index)
-            self.smooth.update(setpoint - smooth, setpoint, index)
+            self.plain.update(np.subtract(setpoint, plain, out=plain), setpoint, index)
+            self.smooth.update(np.subtract(setpoint, smooth, out=smooth), setpoint, index)

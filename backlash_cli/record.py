@@ -161,6 +161,14 @@ def hold(values: FloatArray) -> FloatArray:
     return values[np.maximum.accumulate(last, out=last)]  # in place: long records
 
 
+def quantile(values: FloatArray, share: float) -> float:
+    """np.quantile of finite values (samples,) without its search for nan and its general shape: a fifth of its time."""
+    below, part = divmod(share * (len(values) - 1), 1.0)
+    low = int(below)
+    parted = np.partition(values, low)
+    return float(parted[low] + part * (parted[low + 1 :].min() - parted[low])) if part else float(parted[low])
+
+
 def record_from_arrays(setpoint: object, measurement: object, output: object | None = None, *, interval: float,
                        loop: str = "loop", start: float = 0.0, settings: LoopSettings | None = None,
                        disturbances: Mapping[str, object] | None = None) -> Record:

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import FloatArray, IntArray, Note, SampleState
+from .record import FloatArray, IntArray, Note, SampleState, quantile
 from .words import WORDS, noted
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
@@ -91,7 +91,7 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     if len(a) < FROZEN_RUN or not power > 0 or float(a @ b) / power >= OPPOSED:
         return False
     sizes = np.abs(a[a != 0])
-    return float(np.median(sizes)) >= RESOLVED * float(np.quantile(sizes, 0.01))
+    return quantile(sizes, 0.5) >= RESOLVED * quantile(sizes, 0.01)
 
 
 def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
@@ -105,7 +105,7 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
         if len(rest) < 20:
             continue
         low, high = float(rest.min()) - number, float(rest.max()) - number
-        if max(low, -high) <= max(FAR * float(np.quantile(np.abs(np.diff(rest)), 0.999)), 0.2 * (high - low)):
+        if max(low, -high) <= max(FAR * quantile(np.abs(np.diff(rest)), 0.999), 0.2 * (high - low)):
             continue
         if not number:
             starts, ends = runs(same)
@@ -120,15 +120,17 @@ def unit_change(values: FloatArray) -> int:
     relative moves from sample to sample, at one stroke; 0 where it does not."""
     rows = np.arange(0, len(values), max(1, len(values) // 2000))
     rows = rows[values[rows] > 0.0]
-    if len(rows) < 100 or values[rows].max() < CONVERTED * values[rows].min():
-        return 0
     for up in (1, -1):
         some = values[rows[::up]]
+        if len(some) < 100:
+            return 0
+        if some[-20:].min() < CONVERTED * some[:20].max():
+            continue
         cut = 1 + int(np.argmax(np.minimum.accumulate(some[::-1])[::-1][1:] / np.maximum.accumulate(some)[:-1]))
         below, above = some[:cut], some[cut:]
         if min(cut, len(above)) < 20 or above.min() < CONVERTED * below.max():
             continue
-        moves, others = (float(np.median(np.abs(np.diff(np.log(part))))) for part in (below, above))
+        moves, others = (quantile(np.abs(np.diff(np.log(part))), 0.5) for part in (below, above))
         at = cut if up > 0 else len(rows) - cut
         near = values[rows[at - 1] : rows[at] + 1]
         sizes = np.log(near[near > 0.0])
@@ -161,7 +163,9 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
-    missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - y)
+    missing, off = ~np.isfinite(y), None if sp is None else sp - y
+    if off is not None:
+        np.abs(off, out=off)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),
@@ -170,6 +174,6 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     for name, (value, _) in _KINDS.items():
         if name == "manual" and manual is not None:
             marks[name] = manual & (state != SampleState.MISSING) & (state != SampleState.IMPLAUSIBLE)
-        if value is not None and (where := marks.get(name)) is not None:
+        if value is not None and (where := marks.get(name)) is not None and where.any():
             state[where] = value
     return y, state, {name: where for name, where in marks.items() if where is not None}

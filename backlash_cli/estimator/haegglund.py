@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..half_periods import ErrorScanner, Segments, double_lag
-from ..record import FloatArray, LoopSettings, Record
+from ..record import FloatArray, LoopSettings, Record, quantile
 from ..results import Estimate, Estimates
 
 Numbers = TypeVar("Numbers", float, FloatArray)
@@ -131,4 +131,4 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[
     # the half periods that filled the counter belong to the oscillation as well
     of_large = large[np.convolve(inside, np.ones(ENOUGH))[ENOUGH - 1 :] > 0.0]
     length = segments.end[of_large] - segments.begin[of_large]
-    return float(min(1.0, length.sum() / span)), 2.0 * float(np.median(length)) * interval
+    return float(min(1.0, length.sum() / span)), 2.0 * quantile(length, 0.5) * interval

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration
+from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration, quantile
 from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import Survey, measured
@@ -185,8 +185,7 @@ def rounding_step(values: FloatArray) -> float:
         return 0.0
     for step in (gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])).tolist():
         numbers = gaps / step
-        allowed = np.minimum(LATTICE * np.sqrt(np.maximum(numbers, 1.0)), LARGEST)
-        if np.all(np.abs(numbers - np.rint(numbers)) <= allowed):
+        if np.all((numbers - np.rint(numbers)) ** 2 <= np.minimum(LATTICE**2 * numbers, LARGEST**2)):
             return step if levels <= RECUR * len(values) or np.mean(gaps <= 2.0 * step) >= 0.5 else 0.0
     return 0.0
 
@@ -194,11 +193,7 @@ def rounding_step(values: FloatArray) -> float:
 def fast_noise(index: IntArray, values: FloatArray) -> float:
     """Return the standard deviation of white noise on a slow signal: 1.4826 MAD of second differences / sqrt 6."""
     bent = np.abs(np.diff(values, 2))[index[2:] - index[:-2] == 2]
-    if not len(bent):
-        return 0.0
-    middle = [(len(bent) - 1) // 2, len(bent) // 2]
-    bent.partition(middle)  # np.median does that too, and takes three times as long
-    return 1.4826 * float(bent[middle].mean()) / 6.0**0.5
+    return 1.4826 * quantile(bent, 0.5) / 6.0**0.5 if len(bent) else 0.0
 
 
 def stored_as(index: IntArray, values: FloatArray) -> Storage:
@@ -215,9 +210,9 @@ def stored_as(index: IntArray, values: FloatArray) -> Storage:
     held = 1.0 - len(moved) / len(changes)
     if held > 0.2 and len(moved) >= LEAST_KINKS:
         every = np.gcd.reduce(np.diff(after[changes > EXACT * span])) if len(moved) >= 4 * LEAST_KINKS else 1
-        smallest, run = float(np.quantile(moved, 0.01)), float(every) if every > 1 else len(changes) / len(moved)
+        smallest, run = quantile(moved, 0.01), float(every) if every > 1 else len(changes) / len(moved)
         # Without a deviation jumps thin out towards zero: one in a hundred of a normal law is below 2 % of the median.
-        by_exception = smallest > max(2.5 * step, VISIBLE * span, 0.1 * float(np.median(moved)))
+        by_exception = smallest > max(2.5 * step, VISIBLE * span, 0.1 * quantile(moved, 0.5))
         if by_exception or every > 1 or (step == 0.0 and held > 0.4):  # every: measured at each fifth sample only
             return Storage("held", held, run, smallest if by_exception else 0.0, step, noise)
     linear, run, deviation = _straight_runs(index, values, step, span)
@@ -236,7 +231,7 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
         return 0.0, 1.0, 0.0
     kinks = np.count_nonzero(joined & (bends > 5.0 * tolerance))
     between = np.count_nonzero(joined & (bends > tolerance)) - kinks
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], straight, [False]])))
+    edges = np.flatnonzero(np.diff(straight, prepend=False, append=False))
     first, after = edges[::2], edges[1::2]
     lengths, rises = after - first, np.abs(values[after + 1] - values[first])
     line = (lengths >= LEAST_RUN - 2) & (rises > max(4.0 * step, VISIBLE * span))
@@ -244,4 +239,4 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
             or between > 0.3 * min(np.count_nonzero(straight), kinks)):
         return 0.0, 1.0, 0.0
     return (float(lengths[line].sum()) / len(values), float(np.mean(lengths[line] + 1)),
-            float(np.quantile(rises[line], 0.1)))
+            quantile(rises[line], 0.1))

@@ -106,7 +106,8 @@ def densest(d: FloatArray) -> Cluster | None:
     highs = np.searchsorted(values, values * (1 + CLOSE), side="right")
     most = int(np.argmax(highs - lows))
     members = values[lows[most] : highs[most]]
-    q1, centre, q3 = np.interp([0.25, 0.5, 0.75], np.linspace(0.0, 1.0, len(members)), members).tolist()
+    quarters = np.array([0.25, 0.5, 0.75]) * (len(members) - 1)
+    q1, centre, q3 = np.interp(quarters, np.arange(len(members)), members).tolist()
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members), len(members) / len(values))
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, IntArray, Record, SampleState
 
 MOST = 1 << 22  # samples that are kept
-ROWS = 1024  # of a stretch
+ROWS = 1024  # of a stretch, a power of two
 SLOTS = 16  # stretches of a picture at most
 LEVELS = 5
 SLOWER = 4  # rows of one picture in a row of the next
@@ -58,7 +58,8 @@ class Survey:
             steps = np.diff(block.index, prepend=self.last)
             self.gaps, self.longest = self.gaps + int(np.sum(steps > 2)), max(self.longest, int(steps.max()))
         self.last, usable = int(block.index[-1]), block.usable
-        self.states = self.states + np.array([np.count_nonzero(block.state == state) for state in range(STATES)])
+        for state in range(int(block.state.max()) + 1):
+            self.states[state] += np.count_nonzero(block.state == state)
         with_setpoint = np.isfinite(block.setpoint)
         self.with_setpoint += int(np.count_nonzero(with_setpoint))
         for signal, values in enumerate((block.measurement, block.output)):
@@ -119,7 +120,7 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 
 def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
     """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
-    stretch, stride = index // ROWS, 1
+    stretch, stride = index >> ROWS.bit_length() - 1, 1  # over ROWS, in half the time
     starts = np.flatnonzero(np.append(len(stretch) > 0, stretch[1:] != stretch[:-1]))
     ends = np.append(starts[1:], len(index))
     there = np.logical_or.reduceat(use, starts)

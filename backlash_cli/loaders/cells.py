@@ -117,7 +117,8 @@ def is_text(kind: pa.DataType) -> bool:
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
     """Return the cells (rows,) of a column of numbers: nan where a cell is empty, also of whole numbers."""
-    column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+    if isinstance(column, pa.ChunkedArray):  # of one piece: combined it would be copied
+        column = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
     if column.null_count or not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)):
         return column.to_numpy(zero_copy_only=False)
     return np.from_dlpack(column)  # without a load of pandas, which takes longer than a loop to read

@@ -407,9 +407,12 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
         days = np.any([(known >= low) & (known < high) for low, high in WORDS["stamps"]["dates"]], axis=0)
         repeated = np.count_nonzero(np.diff(known) == 0) > 0.5 * len(known)  # many rows a day
         return bool(len(known) and np.all(days & (known % 1 == 0)) and (repeated or known[0] >= 1.9e7))
-    stamps = StampReader([name], options, where).take([column])
-    stamps = stamps[stamps != NAT]
-    return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
+    for some in (column.slice(0, 9), column):  # where there are times of day the first rows tell
+        stamps = StampReader([name], options, where).take([some])
+        stamps = stamps[stamps != NAT]
+        if np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY):
+            return False
+    return True
 
 
 def unit_of(known: FloatArray, name: str) -> str:

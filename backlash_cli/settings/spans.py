@@ -84,6 +84,4 @@ def normalised(values: FloatArray, span: tuple[float, float]) -> FloatArray:
     """Map a range to 0..1; always a new array."""
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        found: FloatArray = values - low
-        found *= 1.0 / (high - low)  # in place: no second array of a long record
-    return found
+        return (values - low if low else values) * (1.0 / (high - low))
