@@ -89,8 +89,7 @@ class Segments(Frozen, eq=False):
     def join(parts: Sequence[Segments]) -> Segments:
         """Return the half periods of all parts, one part after the other."""
         if not parts:
-            none = np.zeros(0)
-            return Segments(none, none, none, none, none.astype(np.int64), none, none.astype(np.bool_))
+            return Segments(*(np.zeros(0, kind) for kind in (float, float, float, float, np.int64, float, bool)))
         return Segments(*map(np.concatenate, zip(*(vars(p).values() for p in parts), strict=True)))
 
 
@@ -118,8 +117,7 @@ def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
     """Return which places in `index` (samples,) do not follow the one before; `before` stands ahead."""
     apart = np.zeros(len(index), bool)
     if index[-1] - before != len(index):  # strictly increasing: else nothing is left out
-        apart[0] = index[0] != before + 1
-        np.not_equal(index[1:] - index[:-1], 1, out=apart[1:])
+        apart[:] = np.diff(index, prepend=before) != 1
     return apart
 
 
@@ -156,24 +154,18 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     area[-1] -= 0.5 * size[n]
     area[:-1] -= 0.5 * before * (1.0 - share)
     area[1:] -= 0.5 * behind * np.where(crossed, share, 1.0)
-    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
-    begin, began = np.append(o.begin, np.where(crossed, end, index[ends])), np.append(o.crossed, crossed)
-    small = began[:-1] & crossed & ((area[:-1] < least[0]) | (end - begin[:-1] < least[1]))
-    small[:1] = False  # what another block began, and what the next goes on with, is kept
-    keep = np.append((sign[ends] != 0) & ~small, True)
-    keep[0] = True
-    stretches = np.column_stack((firsts, np.append(firsts[1:], n)))[keep].ravel()[:-1]  # and what lies in between
-    peak, moved = np.maximum.reduceat(size, stretches)[::2], np.zeros(len(stretches) // 2 + 1)
+    peak, moved = np.maximum.reduceat(size, firsts), np.zeros(len(firsts))
     if (setpoint != o.last_setpoint).any():
         steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
-        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), stretches)[::2]
+        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), firsts)
     peak[0], moved[0] = max(peak[0], o.e_max), moved[0] + o.move
+    end = np.where(ends > 0, index[ends - 1], o.last_index) + share
+    begin, began = np.append(o.begin, np.where(crossed, end, index[ends])), np.append(o.crossed, crossed)
+    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(int), moved[:-1], began[:-1] & crossed)
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    inner = keep[:-1]
-    done = Segments(begin[:-1][inner], end[inner], area[:-1][inner], peak[:-1], sign[ends[inner]].astype(np.int64),
-                    moved[:-1], (began[:-1] & crossed)[inner])
-    return done if done.direction.all() else done.select(done.direction != 0), left, int(np.count_nonzero(small))
+    small = done.complete & ((done.area < least[0]) | (end - done.begin < least[1]))
+    return done.select((done.direction != 0) & ~small), left, int(np.count_nonzero(small))
 
 
 class ErrorTrack:
@@ -184,24 +176,18 @@ class ErrorTrack:
         self.open: OpenHalfPeriod | None = None
         self.left_out = 0
         self._least = least
-        self._parts: list[Segments] = []
+        self.parts: list[Segments] = []  # those that have ended
 
     def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
         """Take the next usable samples; see `segment`."""
         done, self.open, left_out = segment(error, setpoint, index, self.open, self._least)
         self.left_out += left_out
-        self._parts.append(done)
-
-    @property
-    def ended(self) -> Segments:
-        """The half periods that have ended."""
-        self._parts = [Segments.join(self._parts)]
-        return self._parts[0]
+        self.parts.append(done)
 
     def finish(self) -> Segments:
         """All half periods, the open one as incomplete."""
         left = [] if self.open is None else [self.open.ended(float(self.open.last_index), False)]
-        return Segments.join([*self._parts, *left])
+        return Segments.join([*self.parts, *left])
 
 
 class ErrorScanner:

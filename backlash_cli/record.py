@@ -147,8 +147,6 @@ class Record(Frozen, eq=False):
     def slice(self, first: int, last: int) -> Record:
         """Return samples first..last-1 as a block of the same loop (same start and interval)."""
         cut = slice(first, last)
-        if cut.indices(len(self)) == (0, len(self), 1):
-            return self
         return replace(self, index=self.index[cut], setpoint=self.setpoint[cut], measurement=self.measurement[cut],
                        output=None if self.output is None else self.output[cut], state=self.state[cut],
                        disturbances={k: v[cut] for k, v in self.disturbances.items()})

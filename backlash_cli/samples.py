@@ -122,9 +122,7 @@ def unit_change(values: FloatArray) -> int:
     rows = rows[values[rows] > 0.0]
     for up in (1, -1):
         some = values[rows[::up]]
-        if len(some) < 100:
-            return 0
-        if some[-20:].min() < CONVERTED * some[:20].max():
+        if len(some) < 100 or some[-20:].min() < CONVERTED * some[:20].max():
             continue
         cut = 1 + int(np.argmax(np.minimum.accumulate(some[::-1])[::-1][1:] / np.maximum.accumulate(some)[:-1]))
         below, above = some[:cut], some[cut:]
@@ -164,8 +162,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
     missing, off = ~np.isfinite(y), None if sp is None else sp - y
-    if off is not None:
-        np.abs(off, out=off)
+    off = None if off is None else np.abs(off, out=off)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
              "interpolated": interpolated, "saturated": None if op is None else saturated(op),

@@ -99,7 +99,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
     new = index > scanner.last_index
     scanner.update(Record("", 0.0, night.interval, index[new].astype(np.int64), setpoint[new], measurement[new], None,
                           state[new].astype(np.uint8)))
-    done = scanner.smooth.ended
+    done = Segments.join(scanner.smooth.parts)
     if night.until is None:
         return done, None, Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index)
     return done.select(done.begin < night.until - NEAR), night.until, None

@@ -26,7 +26,7 @@ class Survey:
 
     most: samples that are kept, the last ones. states: (states,) how many of each SampleState. gaps: holes of more than
     one sample; longest: step of the grid. moves: changes of the setpoint between usable samples. with_setpoint: samples
-    with one. lowest, highest: (2,) usable values of measurement and output.
+    with one. lowest, highest: (2,) usable values of measurement and output, the other way round where there are none.
     """
 
     def __init__(self, most: int = MOST) -> None:
@@ -34,7 +34,7 @@ class Survey:
         self.states: IntArray = np.zeros(STATES, dtype=np.int64)
         self.first = self.last = self.gaps = self.moves = self.with_setpoint = 0
         self.longest = 1
-        self.lowest, self.highest = np.full((2, 2), np.nan)
+        self.lowest, self.highest = np.full(2, np.inf), np.full(2, -np.inf)
         self._setpoint = np.zeros(0)  # the last usable one
         self._blocks: deque[Record] = deque()
 
@@ -63,10 +63,12 @@ class Survey:
         with_setpoint = np.isfinite(block.setpoint)
         self.with_setpoint += int(np.count_nonzero(with_setpoint))
         for signal, values in enumerate((block.measurement, block.output)):
-            known = np.zeros(0) if values is None else _of(values, usable & np.isfinite(values))
-            self.lowest[signal] = np.fmin(self.lowest[signal], known.min(initial=np.inf))
-            self.highest[signal] = np.fmax(self.highest[signal], known.max(initial=-np.inf))
-        setpoint = _of(block.setpoint, usable & with_setpoint)
+            which = usable if values is None else usable & np.isfinite(values)
+            known = np.zeros(0) if values is None else values if which.all() else values[which]
+            self.lowest[signal] = known.min(initial=self.lowest[signal])
+            self.highest[signal] = known.max(initial=self.highest[signal])
+        with_setpoint &= usable
+        setpoint = block.setpoint if with_setpoint.all() else block.setpoint[with_setpoint]
         self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]) + np.sum(self._setpoint != setpoint[:1]))
         self._setpoint = setpoint[-1:] if len(setpoint) else self._setpoint
         while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
@@ -83,11 +85,6 @@ class Survey:
             one = replace(one, disturbances={}, **columns)
             self._blocks = deque([one])
         return one.slice(-self.most, len(one))
-
-
-def _of(values: FloatArray, which: NDArray[np.bool_]) -> FloatArray:
-    """Some of the values; no copy where these are all."""
-    return values if which.all() else values[which]
 
 
 def measured(r: Record) -> tuple[IntArray, FloatArray, IntArray, FloatArray]:

@@ -88,9 +88,7 @@ class Cells(Frozen, eq=False):
 
     def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
         """Count the texts in rows that are True, of some rows in a row."""
-        if self.codes is None:
-            return Counter()
-        codes = self.codes[within][rows[within]]
+        codes = np.zeros(0, int) if self.codes is None else self.codes[within][rows[within]]
         return Counter(self.lexicon.words[code].strip()[:40] for code in codes[codes >= 0].tolist())
 
     def texts(self) -> tuple[IntArray, list[str]]:

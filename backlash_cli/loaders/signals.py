@@ -376,8 +376,6 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
 
 
 def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
-    if len(series) == 1:
-        return series, []
     notes: list[Note] = []
     groups: dict[str, list[Series]] = {}
     for item in series:

@@ -435,5 +435,4 @@ def micros_of(column: pa.ChunkedArray | pa.Array) -> IntArray:
     usual = pa.time64("us") if pa.types.is_time(kind) else pa.timestamp("us", getattr(kind, "tz", None))
     micros = (column if kind == usual else column.cast(usual, safe=False)).cast(pa.int64())
     micros = to_array(pc.fill_null(micros, NAT) if micros.null_count else micros)
-    far = np.abs(micros) >= LIMIT
-    return np.where(far, NAT, micros) if far.any() else micros
+    return micros if np.all(near := np.abs(micros) < LIMIT) else np.where(near, micros, NAT)
