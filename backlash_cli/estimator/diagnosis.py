@@ -123,8 +123,8 @@ def with_oscillation(report: LoopReport, record: Record) -> LoopReport:
     """Return the report with what an oscillation of the record looks like, and the verdict that follows from it."""
     codes = {reason.code for reason in report.reasons}
     seen, untested = "oscillation" in codes, report.verdict in NOTHING_SAID and bool(codes & NOT_TESTED)
-    blind = not np.isfinite(record.setpoint).any()
-    whole = at_mean(record) if blind and (seen or untested) else record
+    blind = (seen or untested) and not np.isfinite(record.setpoint).any()
+    whole = at_mean(record) if blind else record
     if whole is None or not (seen or untested):
         return report
     found = diagnose(whole)
