@@ -133,13 +133,15 @@ class Head(Frozen):
 
 class Layout(Frozen):
     """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
-    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it."""
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it.
+    further: hold the value, such as the word of a mode, of rows that have none in `values`."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
     values: tuple[int, ...]
     naming: tuple[int, ...] = ()
     quality: dict[int, int] = field(default_factory=dict)
+    further: tuple[int, ...] = ()
 
 
 def layout_of(head: Head, options: ReadOptions) -> Layout:
@@ -169,7 +171,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if not value or (not named and len(numbers) > 1):
         there = some([head.names[i] for i in numbers]) or "none holds numbers"
         raise InputError(**explained("no_values", there=there), where=head.where)
-    return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)))
+    return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)),
+                  tuple(i for i in rest if head.plain[i] in COLUMNS["further"] and i not in value))
 
 
 def _recognise(head: Head) -> str:
@@ -222,7 +225,10 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
         if groups:
             return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
     if whole:
-        return (next((i for i in whole if i in named), whole[0]),)
+        one = next((i for i in whole if i in named), whole[0])  # pid_pv beside a column that names the loop
+        apart = [i for i in texts if head.plain[i] in LOOP and heads[i] and not any(
+            loop.lower() in tag.lower() for tag in heads[one] for loop in heads[i])]
+        return (*apart[:1], one)
     return tuple([i for i in named if heads[i]][:1])
 
 
@@ -263,6 +269,11 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
         row = []
     measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
     quality = {i: mark for mark in row for i in signals}
+    in_turn = [i for i in values if head.plain[i] in COLUMNS["quality"] or (  # Q1, Q2, Q3
+        head.plain[i].rstrip("0123456789") in COLUMNS["quality"] and head.marks(i))]
+    roles = [i for i in values if head.tags[i].role in SIGNALS]
+    if marked := next((own for own in (roles, signals) if len(own) == len(in_turn)), []):
+        row, quality = in_turn, dict(zip(marked, in_turn, strict=True))
     for i in (i for i in values if i not in row):
         tag, before = head.tags[i], i - 1
         if tag.role == "quality" and tag.of in head.names:
@@ -270,7 +281,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
         elif tag.role == "quality" and tag.of in measured and (
                 head.marks(i) or re.search("bad|qual|valid", head.plain[i])):  # FIC101.BadPV
             quality[measured[tag.of]] = i
-        elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
+        elif before in values and before not in in_turn and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
             quality[before] = i

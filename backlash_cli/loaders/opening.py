@@ -410,7 +410,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         is_time_name(name) or is_quality_name(plain(name)) or plain(name) in COLUMNS["ignored"] | COLUMNS["value"]))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
-            joined = _joined(names, other)
+            joined = _joined(names, other, kinds)
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
     return tuple(names)
@@ -437,14 +437,16 @@ def score_names(cells: list[str]) -> float:
     return points
 
 
-def _joined(names: list[str], other: list[str]) -> list[str]:
-    """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does."""
-    high, low = (other, names) if score_names(names) >= score_names(other) else (names, other)
+def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[str]:
+    """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does, but
+    not for a column that is empty below."""
+    merged = names.count("") > max(len(names) / 3, other.count(""))  # SP, PV, OP, each above all loops
+    high, low = (names, other) if merged or score_names(names) < score_names(other) else (other, names)
     tags = [word for word in low if is_whole(word)]
     enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
-    for cell, word in zip(high, low, strict=True):
-        upper = cell or upper
+    for cell, word, kind in zip(high, low, kinds, strict=True):
+        upper = cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
         part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
             not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word)))

@@ -286,11 +286,16 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
     bare = defaultdict[str, list[Series]](list)
     for item in series:
-        bare["" if item.loop else item.tag].append(item)
+        bare["" if item.loop else bare_tag(item.tag)].append(item)
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
-        values = bare.get(name) or next((v for k, v in one.extra.items() if plain(k) in COLUMNS["value"]), None)
+        values = bare.get(bare_tag(name)) or next(
+            (items for signal, items in one.extra.items() if plain(signal) in COLUMNS["value"]), None)
         if one.roles and values and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
+        outputs = one.roles.get("op", [])
+        measured = [item for item in outputs if plain(item.signal) == "mv"]  # beside OUT it is the measured value
+        if "pv" not in one.roles.keys() | asked.get(name, {}).keys() and 0 < len(measured) < len(outputs):
+            one.roles |= {"pv": measured, "op": [item for item in outputs if item not in measured]}
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}

@@ -23,7 +23,7 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, is_whole, noted, signal_role
+from .names import explained, is_whole, noted, signal_role, split_tag, undated
 from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
@@ -245,11 +245,17 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
+    cells = [*columns, *layout.naming, *layout.further]
+    for batch in table.batches(cells, {i for pair in layout.stamps for i in pair}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
             values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
+            for other in layout.further if i in layout.values else ():
+                more, others = stored(batch[other], words[i], head.decimal, written=isinstance(table, TextTable))
+                codes, others = (np.full(len(values), -1, np.int32) if c is None else c for c in (codes, others))
+                empty = np.isnan(values) & (codes < 0)
+                values, codes = np.where(empty, more, values), np.where(empty, others, codes)
             name = intern(f"v{i}")  # pieces of a large file are many
             piece |= {name: values} if codes is None else {name: values, f"{name}w": codes}
             if i in blank and (codes is not None or not np.isnan(values).all()):
@@ -318,7 +324,8 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
             found += [replace(one, axis=own) for one in (
                 [replace(of_tag(head, layout, f"{name}.{head.names[i]}", i), loop=name, signal=head.names[i],
                          role=signal_role(head.names[i])) for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, name, layout.values[0])])]
+                [of_tag(head, layout, name if split_tag(name).loop or not signal_role(name) else  # SP, PV, OP
+                        f"{undated(head.stem)}.{name}", layout.values[0])])]
     return found
 
 

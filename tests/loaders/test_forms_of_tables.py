@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from backlash_cli import read
+from backlash_cli.record import SampleState
 
 ROWS = 300
 K = np.arange(ROWS)
@@ -42,6 +43,18 @@ FORMS = {
         f"{s},FIC101.{role},{values[k]:g}," for k, s in enumerate(STAMPS) for role, values in SIGNALS.items())]),
     "polish months": wide("Time,FIC101.SP,FIC101.PV,FIC101.OP").replace("2026-03-17", "17-paź-2026"),
     "a remark that has no cells": wide("Time,FIC101_SP,FIC101_PV,FIC101_OP,Comment"),
+    "labels of metrics": wide("Time," + ",".join(
+        f'"pid_{s}{{instance=""plc1:9100"", job=""opc"", loop=""FIC101""}}"' for s in ("sp", "pv", "op"))),
+    "metrics named in their labels": wide("Time," + ",".join(
+        f'"{{__name__=""pid_{s}"", tag=""FIC101""}}"' for s in ("sp", "pv", "op"))),
+    "two names of the value behind the signal": wide("Time," + ",".join(f"FIC101_{s}.F_CV.Value" for s in SIGNALS)),
+    "measured value and output": wide("Time,FIC101/SP,FIC101/MV,FIC101/OUT"),
+    "valve position": wide("Time,FIC101 Set Point,FIC101 Process Variable,FIC101 Valve Position"),
+    "the tag with its unit is the measurement": wide("Time,FIC101.SP (t/h),FIC101 (t/h),FIC101.OP (%)"),
+    "signals in rows of the file of a loop": "signal,time,value\n" + "\n".join(
+        f"{role},{s},{x[k]:g}" for role, x in SIGNALS.items() for k, s in enumerate(STAMPS)),
+    "an empty column between pairs": "\n".join([",".join(f"FIC101.{s},," for s in SIGNALS), "Timestamp,Value,," * 3, *(
+        ",".join(f"{s},{x[k]:g}," for x in SIGNALS.values()) for k, s in enumerate(STAMPS))]),
     "ticks": "\n".join(["TagName,Ticks,Value,IsGood", *(
         f"FIC101.{role},{639093312000000000 + 10_000_000 * k},{values[k]:g},True"
         for role, values in SIGNALS.items() for k in K)])}
@@ -70,13 +83,79 @@ def test_tags_that_are_numbers_are_named_by_the_loops_file(tmp_path):
     np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
 
 
-def test_a_block_of_qualities_behind_the_signals_marks_them(tmp_path):
-    heads = ",".join(["Time", *(f"FIC101.{s}" for s in SIGNALS), *(f"Quality FIC101.{s}" for s in SIGNALS)])
+@pytest.mark.parametrize(("names", "good", "poor"), [
+    ([f"Quality FIC101.{s}" for s in SIGNALS], "Good", "Bad"), (["Q1", "Q2", "Q3"], "192", "28"),
+    (["Status"] * 3, "Good", "Bad"), (["Quality", "Quality.1", "Quality.2"], "192", "0")])
+def test_a_block_of_qualities_behind_the_signals_marks_them(tmp_path, names, good, poor):
+    heads = ",".join(["Time", *(f"FIC101.{s}" for s in SIGNALS), *names])
     path = tmp_path / "history.csv"
-    path.write_text(wide(heads, extra=lambda k: ("Good", "Bad" if 100 <= k < 140 else "Good", "Good")))
+    path.write_text(wide(heads, extra=lambda k: (good, poor if 100 <= k < 140 else good, good)))
     (record,) = read(path)
     (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
     assert bad.startswith("40 samples of FIC101.PV") and not record.usable[100:140].any()
+
+
+def test_numbered_qualities_stand_beside_their_signals(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text("Time,FIC101.SP,Q1,FIC101.PV,Q2,FIC101.OP,Q3\n" + "".join(
+        f"{s},{SIGNALS['SP'][k]},192,{SIGNALS['PV'][k]},{28 if k < 40 else 192},{SIGNALS['OP'][k]},192\n"
+        for k, s in enumerate(STAMPS)))
+    (record,) = read(path)
+    assert not record.usable[:40].any() and record.usable[40:].all()
+
+
+def test_qualities_that_mark_nothing_are_said(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text(wide("Time,FIC101.SP,FIC101.PV,FIC101.OP,Status,Status", extra=lambda k: ("Good", "Bad")))
+    assert any(note.code == "single_signals" and "Status" in note.message for note in read(path).warnings)
+
+
+@pytest.mark.parametrize(("good", "poor"), [("192 (Good)", "0 (Bad)"), ("S_OK", "E_FAIL")])
+def test_words_of_qualities(tmp_path, good, poor):
+    path = tmp_path / "history.csv"
+    path.write_text("tag;time;value;quality\n" + "".join(
+        f"FIC101.{s};{t};{x[k]};{poor if s == 'PV' and k < 40 else good}\n"
+        for s, x in SIGNALS.items() for k, t in enumerate(STAMPS)))
+    (record,) = read(path)
+    assert not record.usable[:40].any() and record.usable[40:].all()
+
+
+def test_the_word_of_a_mode_stands_in_a_column_of_its_own(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text("tag_name,sample_time,value_num,value_txt\n" + "".join(
+        f"FIC101.{s},{t},{x[k]},\n" for s, x in SIGNALS.items() for k, t in enumerate(STAMPS)) + "".join(
+        f"FIC101.MODE,{t},,{'MAN' if 100 <= k < 140 else 'AUTO'}\n" for k, t in enumerate(STAMPS)))
+    (record,) = read(path)
+    assert np.array_equal(np.flatnonzero(record.state == SampleState.MANUAL), np.arange(100, 140))
+
+
+LOOPS = ("FIC101", "FIC102")
+
+
+@pytest.mark.parametrize(("head", "rows", "loops"), [
+    ("timestamp,__name__,loop,value", [f"{1773734400 + k},pid_{s.lower()},{loop},{x[k]}" for loop in LOOPS
+                                       for s, x in SIGNALS.items() for k in K], [f"{loop}.pid" for loop in LOOPS]),
+    ("asset,time,setpoint,process_value,output", [
+        ",".join([loop, s, *(str(x[k]) for x in SIGNALS.values())]) for k, s in enumerate(STAMPS) for loop in LOOPS],
+     [*LOOPS]),
+    (",SP,,PV,,OP,\nTime" + ",FIC101,FIC102" * 3, [
+        ",".join([s, *(f"{x[k]},{x[k]}" for x in SIGNALS.values())]) for k, s in enumerate(STAMPS)], [*LOOPS])])
+def test_several_loops(tmp_path, head, rows, loops):
+    path = tmp_path / "history.csv"
+    path.write_text("\n".join([head, *rows]))
+    plant = read(path)
+    assert [record.loop for record in plant] == loops
+    for record in plant:
+        low, high = record.settings.pv_range
+        np.testing.assert_allclose(low + (high - low) * record.measurement, SIGNALS["PV"])
+        np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
+
+
+def test_a_block_that_is_called_pid_is_one_loop(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text(wide("Time,FIC101/PID/SP.CV,FIC101/PID/PV.CV,FIC101/PID/OUT.CV"))
+    (record,) = read(path)
+    assert record.loop == "FIC101/PID" and record.output is not None
 
 
 def noticed(tmp_path, **changed):
