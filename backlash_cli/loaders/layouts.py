@@ -98,9 +98,9 @@ class Head(Frozen):
 
     @cached_property
     def ids(self) -> list[int]:
-        """Columns of tags that are numbers, as keys of a data base are, beside a column of values."""
-        beside = not VALUE.isdisjoint(self.plain)
-        return [i for i in self.numbers if beside and self.plain[i] in TAG and pa.types.is_integer(
+        """Columns of tags or loops that are numbers, as keys of a data base are, beside a column of values or of PV."""
+        beside = not VALUE.isdisjoint(self.plain) or any(tag.role == "pv" and not tag.loop for tag in self.tags)
+        return [i for i in self.numbers if beside and self.plain[i] in TAG | LOOP and pa.types.is_integer(
             self.columns[i].type) and not self.counts(i)]
 
     @cached_property
@@ -152,8 +152,9 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(
-        sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
-               key=lambda i: (head.plain[i] not in LOOP, -len(head.words(i))))[:1] if kind == "tall" else ())
+        sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
+               key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)))
+               )[:1] if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
@@ -180,7 +181,7 @@ def _recognise(head: Head) -> str:
     alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
-        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
+        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts + head.ids) else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
     if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
@@ -260,28 +261,26 @@ def _pairs(head: Head) -> Layout:
 
 
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
-    """Columns of quality by the columns they mark: by name, the one before, or all where one stands at either end."""
+    """Columns of quality by the columns they mark: by name, in turn, the one before, or all for one at either end."""
     signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
     values = [i for i in values if not (head.plain[i] in COLUMNS["quality"] and i in head.texts
                                         and mode_words(head.words(i)))]  # Status: AUTO, MANUAL
-    row = [i for i in values if head.plain[i] in COLUMNS["quality"]]  # no OP.Quality
-    if len(row) != 1 or len(signals) < 2 or min(signals) < row[0] < max(signals):
-        row = []
-    measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
-    quality = {i: mark for mark in row for i in signals}
-    in_turn = [i for i in values if head.plain[i] in COLUMNS["quality"] or (  # Q1, Q2, Q3
-        head.plain[i].rstrip("0123456789") in COLUMNS["quality"] and head.marks(i))]
+    words = {i: head.plain[i].rstrip("0123456789") for i in values}
+    alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
+        word == head.plain[i] or head.marks(i))]
     roles = [i for i in values if head.tags[i].role in SIGNALS]
-    if marked := next((own for own in (roles, signals) if len(own) == len(in_turn)), []):
-        row, quality = in_turn, dict(zip(marked, in_turn, strict=True))
-    for i in (i for i in values if i not in row):
+    marked = signals if len(alike) == 1 < len(signals) and not min(signals) < alike[0] < max(signals) else next(
+        (own for own in (roles, signals) if len(own) == len(alike) and len({words[i] for i in alike}) == 1), [])
+    quality = dict(zip(marked, alike * len(marked), strict=False))
+    measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
+    for i in (i for i in values if not marked or i not in alike):
         tag, before = head.tags[i], i - 1
         if tag.role == "quality" and tag.of in head.names:
             quality[head.names.index(tag.of)] = i
         elif tag.role == "quality" and tag.of in measured and (
                 head.marks(i) or re.search("bad|qual|valid", head.plain[i])):  # FIC101.BadPV
             quality[measured[tag.of]] = i
-        elif before in values and before not in in_turn and (not tag.of or head.tags[before].loop == tag.loop) and (
+        elif before in values and before not in alike and (not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
             quality[before] = i

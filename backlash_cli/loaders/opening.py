@@ -320,6 +320,8 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
     only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
     numbers = commas if delimiter == "," else every
+    if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":
+        text.notes.append(noted("decimal_comma", number=numbers[0]))
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
@@ -449,7 +451,8 @@ def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[st
         upper = cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
         part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
-            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word)))
+            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word))
+            or plain(word) in COLUMNS["statistic"])
         result.append(word if word in enough else f"{upper}.{word}" if upper and part else upper or word)
     return result
 

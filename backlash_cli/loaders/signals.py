@@ -151,7 +151,7 @@ class Store:
 
 class Axis(Frozen, eq=False):
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
-    which: of the rows, or of those of a group. where: file. first_line: line of row 0."""
+    which: of the rows, or of those of a group. where: file. first_line: line of row 0. zones: as of a StampReader."""
 
     rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
@@ -160,6 +160,7 @@ class Axis(Frozen, eq=False):
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
+    zones: frozenset[bool | None] = frozenset()
 
     def __len__(self) -> int:
         return len(self.which)

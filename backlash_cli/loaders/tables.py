@@ -218,7 +218,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
-            notes += [noted("passed_over", name=name, error=error)][: kind == "archive"]
+            notes.append(noted("passed_over", name=name, error=error))
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes
@@ -236,7 +236,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
             pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
-        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
+        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where, zones=frozenset([bool(kind.tz)]))
+                for pair, kind in zip(layout.stamps, kinds, strict=True)]
         return _on_axes(signals_of(head, layout, blank), axes, layout)
     if not layout.naming:  # what is still blank may be a tag of the loops file
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
@@ -274,8 +275,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
     count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line)
-            for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line,
+                 zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)

@@ -232,8 +232,6 @@ class StampReader:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
-        if {True, False} <= self._zones:
-            self.notes.append(noted("mixed_zones"))
         zone = self._zone if False in self._zones else None
 
         def resolved(stamps: IntArray) -> IntArray:
@@ -251,6 +249,11 @@ class StampReader:
         """What is to be said of all stamps, when they were resolved."""
         doubled = noted("dst_repeated_hour", rows=self._doubled, zone=self.options.timezone)
         return (*self.notes, doubled) if self._doubled else tuple(self.notes)
+
+    @property
+    def zones(self) -> frozenset[bool | None]:
+        """Whether stamps carry an offset or are of a zone that is named (True), count as UTC, or need none (None)."""
+        return frozenset(known if known is not False or not self._zone else True for known in self._zones)
 
     def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from backlash_cli import read
+from backlash_cli.loaders import ReadOptions
 from backlash_cli.record import SampleState
 
 ROWS = 300
@@ -53,6 +54,10 @@ FORMS = {
     "the tag with its unit is the measurement": wide("Time,FIC101.SP (t/h),FIC101 (t/h),FIC101.OP (%)"),
     "signals in rows of the file of a loop": "signal,time,value\n" + "\n".join(
         f"{role},{s},{x[k]:g}" for role, x in SIGNALS.items() for k, s in enumerate(STAMPS)),
+    "statistics below each tag": "\n".join([
+        ",".join(["", *(f"FIC101.{s},," for s in SIGNALS)]), "Time" + ",Min,Max,Avg" * 3, *(
+            ",".join([s, *(f"{x[k] - 2:g},{x[k] + 2:g},{x[k]:g}" for x in SIGNALS.values())])
+            for k, s in enumerate(STAMPS))]),
     "an empty column between pairs": "\n".join([",".join(f"FIC101.{s},," for s in SIGNALS), "Timestamp,Value,," * 3, *(
         ",".join(f"{s},{x[k]:g}," for x in SIGNALS.values()) for k, s in enumerate(STAMPS))]),
     "ticks": "\n".join(["TagName,Ticks,Value,IsGood", *(
@@ -138,6 +143,9 @@ LOOPS = ("FIC101", "FIC102")
     ("asset,time,setpoint,process_value,output", [
         ",".join([loop, s, *(str(x[k]) for x in SIGNALS.values())]) for k, s in enumerate(STAMPS) for loop in LOOPS],
      [*LOOPS]),
+    ("Id,LoopId,SampleTime,SP,PV,OP", [
+        ",".join([f"{2 * k + loop},{loop}", s, *(str(x[k]) for x in SIGNALS.values())])
+        for k, s in enumerate(STAMPS) for loop in (101, 102)], ["101", "102"]),
     (",SP,,PV,,OP,\nTime" + ",FIC101,FIC102" * 3, [
         ",".join([s, *(f"{x[k]},{x[k]}" for x in SIGNALS.values())]) for k, s in enumerate(STAMPS)], [*LOOPS])])
 def test_several_loops(tmp_path, head, rows, loops):
@@ -156,6 +164,55 @@ def test_a_block_that_is_called_pid_is_one_loop(tmp_path):
     path.write_text(wide("Time,FIC101/PID/SP.CV,FIC101/PID/PV.CV,FIC101/PID/OUT.CV"))
     (record,) = read(path)
     assert record.loop == "FIC101/PID" and record.output is not None
+
+
+def one_per_tag(folder, stamp_of):
+    folder.mkdir()
+    for signal, values in SIGNALS.items():
+        (folder / f"FIC101.{signal}.csv").write_text("Time,Value\n" + "".join(
+            f"{stamp_of(signal, s)},{values[k]:g}\n" for k, s in enumerate(STAMPS)))
+    return folder
+
+
+def test_files_with_an_offset_and_without_are_said(tmp_path):
+    mixed = one_per_tag(tmp_path / "mixed", lambda signal, s: f"{s}+01:00" if signal == "SP" else s)
+    assert "mixed_zones" in {note.code for note in read(mixed)["FIC101"].notes}
+    known = read(mixed, options=ReadOptions(timezone="Europe/Berlin"))["FIC101"]
+    assert "mixed_zones" not in {note.code for note in known.notes} and np.isfinite(known.setpoint).all()
+    plain = one_per_tag(tmp_path / "plain", lambda signal, s: s)
+    assert "mixed_zones" not in {note.code for note in read(plain)["FIC101"].notes}
+
+
+def test_what_cannot_be_read_in_a_folder_is_said(tmp_path):
+    folder = one_per_tag(tmp_path / "plant", lambda signal, s: s)
+    (folder / "FIC102.xls").write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(4000))
+    (lost,) = read(folder).failures
+    assert "FIC102.xls" in lost.message and "Excel workbook of the old kind" in lost.message
+
+
+def test_sheets_that_are_not_used_are_said(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.active.title = "FIC101"
+    for line in wide("Time,SP,PV,OP").splitlines():
+        book.active.append([float(c) if c.replace(".", "").isdigit() else c for c in line.split(",")])
+    book.create_sheet("FIC102")
+    for k in range(3):
+        book["FIC102"].append(["#" * 8, k, k])
+    book.save(tmp_path / "plant.xlsx")
+    plant = read(tmp_path / "plant.xlsx")
+    assert [record.loop for record in plant] == ["FIC101"]
+    assert any(note.code == "passed_over" and "'FIC102'" in note.message for note in plant.warnings)
+
+
+@pytest.mark.parametrize(("digits", "doubtful"), [(3, True), (2, False)])
+def test_a_comma_that_may_separate_thousands_is_said(tmp_path, digits, doubtful):
+    path = tmp_path / "history.csv"
+    path.write_text("Time;FIC101.SP;FIC101.PV;FIC101.OP\n" + "\n".join(
+        ";".join([s, *(f"{x[k]:.{digits}f}".replace(".", ",") for x in SIGNALS.values())])
+        for k, s in enumerate(STAMPS)))
+    assert doubtful == ("decimal_comma" in {note.code for note in read(path).warnings})
+    assert "decimal_comma" not in {note.code for note in read(path, options=ReadOptions(decimal=",")).warnings}
 
 
 def noticed(tmp_path, **changed):
