@@ -5,7 +5,7 @@ from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -130,17 +130,22 @@ class Head(Frozen):
         values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
         return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
 
+    def qualities(self, called: list[int]) -> tuple[int, ...]:
+        """Those of columns called so that hold known words or codes, or the first one."""
+        return tuple([i for i in called if self.marks(i) or (i in self.texts and quality_words(self.words(i), "named"))]
+                     or called[:1])
+
 
 class Layout(Frozen):
     """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
-    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it.
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> those that mark it.
     further: hold the value, such as the word of a mode, of rows that have none in `values`."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
     values: tuple[int, ...]
     naming: tuple[int, ...] = ()
-    quality: dict[int, int] = field(default_factory=dict)
+    quality: dict[int, tuple[int, ...]] = field(default_factory=dict)
     further: tuple[int, ...] = ()
 
 
@@ -164,15 +169,15 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
     rest = [i for i in values if i not in named]
-    quality = ([i for i in rest if is_quality_name(head.plain[i])]
-               or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
+    quality = head.qualities([i for i in rest if is_quality_name(head.plain[i])]) or tuple(
+        [i for i in rest if len(values) > 1 and head.marks(i)][:1])
     rest = [i for i in rest if i not in quality]
     numbers = [i for i in rest if i not in head.texts and not head.counts(i)]
     value = (named or numbers or rest)[:1]
     if not value or (not named and len(numbers) > 1):
         there = some([head.names[i] for i in numbers]) or "none holds numbers"
         raise InputError(**explained("no_values", there=there), where=head.where)
-    return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)),
+    return Layout(kind, (stamps,), tuple(value), naming, dict.fromkeys(value, quality),
                   tuple(i for i in rest if head.plain[i] in COLUMNS["further"] and i not in value))
 
 
@@ -245,7 +250,7 @@ def _pairs(head: Head) -> Layout:
     """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
     lead = _leading(head)
     stamps: list[tuple[int]] = []
-    quality: dict[int, int] = {}
+    quality: dict[int, tuple[int, ...]] = {}
     values: list[int] = []
     for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
         block = [i for i in range(column - lead, end - lead) if i != column and (
@@ -256,11 +261,11 @@ def _pairs(head: Head) -> Layout:
         if first >= 0:
             stamps.append((column,))
             values += [first, *others]
-            quality |= _quality_beside(head, block) if others else dict(zip([first], marks, strict=False))
+            quality |= _quality_beside(head, block) if others else {first: head.qualities(marks)}
     return Layout("pairs", tuple(stamps), tuple(values), quality=quality)
 
 
-def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
+def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int, ...]]:
     """Columns of quality by the columns they mark: by name, in turn, the one before, or all for one at either end."""
     signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
     values = [i for i in values if not (head.plain[i] in COLUMNS["quality"] and i in head.texts
@@ -271,26 +276,27 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
     roles = [i for i in values if head.tags[i].role in SIGNALS]
     marked = signals if len(alike) == 1 < len(signals) and not min(signals) < alike[0] < max(signals) else next(
         (own for own in (roles, signals) if len(own) == len(alike) and len({words[i] for i in alike}) == 1), [])
-    quality = dict(zip(marked, alike * len(marked), strict=False))
-    measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
+    quality: dict[int, tuple[int, ...]] = {i: (mark,) for i, mark in zip(marked, alike * len(marked), strict=False)}
+    owners = {(head.tags[i].loop, head.tags[i].role): i for i in roles}
     for i in (i for i in values if not marked or i not in alike):
-        tag, before = head.tags[i], i - 1
-        if tag.role == "quality" and tag.of in head.names:
-            quality[head.names.index(tag.of)] = i
-        elif tag.role == "quality" and tag.of in measured and (
-                head.marks(i) or re.search("bad|qual|valid", head.plain[i])):  # FIC101.BadPV
-            quality[measured[tag.of]] = i
-        elif before in values and before not in alike and (not tag.of or head.tags[before].loop == tag.loop) and (
+        tag, of, before = head.tags[i], split_tag(head.tags[i].of), i - 1
+        of_loop = owners.get((tag.of, "pv"), -1) if head.marks(i) or re.search("bad|qual|valid", head.plain[i]) else -1
+        owner = -1 if tag.role != "quality" else head.names.index(tag.of) if tag.of in head.names else owners.get(
+            (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
+        if owner < 0 and before in values and before not in alike and (
+                not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
-            quality[before] = i
+            owner = before
+        if owner >= 0:
+            quality[owner] = (*quality.get(owner, ()), i)
     return quality
 
 
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
-    pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
+    pairs, marks, tags = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
@@ -329,6 +335,5 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
 
 def of_tag(head: Head, layout: Layout, name: str, column: int, place: int = 0) -> Series:
     """The signal that a tag names, in a column of cells with the stamps of a place in the layout."""
-    tag, mark = split_tag(name), layout.quality.get(column, -1)
-    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, column, place, mark,
-                  head.names[mark] if mark >= 0 else "")
+    tag, marks = split_tag(name), {i: head.names[i] for i in layout.quality.get(column, ())}
+    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, column, place, marks)

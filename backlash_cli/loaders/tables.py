@@ -231,7 +231,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
              is_needed: Callable[[Series], bool], room: Room) -> list[Series]:
     """Store stamps in UTC ("t0" ...) and cells ("v3" ...), rows of many tags by tag; Parquet may stay in its file."""
     head = table.head
-    columns = sorted({*layout.values, *layout.quality.values()})
+    columns = sorted({*layout.values, *chain(*layout.quality.values())})
     blank = {i for i in columns if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
@@ -240,7 +240,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                 for pair, kind in zip(layout.stamps, kinds, strict=True)]
         return _on_axes(signals_of(head, layout, blank), axes, layout)
     if not layout.naming:  # what is still blank may be a tag of the loops file
-        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
+        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair])
                for pair in layout.stamps]
@@ -317,7 +317,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         # rows without a stamp, such as headers in between, are no samples
         keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
-    found, unread = [], {*blank, *layout.quality.values()}
+    found, unread = [], {*blank, *chain(*layout.quality.values())}
     for number, name in enumerate(tags):
         if count := int(grouped.rows(number).sum()):
             own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,

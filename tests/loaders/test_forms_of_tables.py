@@ -115,6 +115,31 @@ def test_qualities_that_mark_nothing_are_said(tmp_path):
     assert any(note.code == "single_signals" and "Status" in note.message for note in read(path).warnings)
 
 
+@pytest.mark.parametrize(("names", "marks"), [
+    ("Good,Questionable", lambda bad: f"{not bad},False"), ("Good,Questionable", lambda bad: f"True,{bad}"),
+    ("Questionable,Good", lambda bad: f"False,{not bad}"),
+    ("Status,Quality", lambda bad: f"OK,{'Bad' if bad else 'Good'}"),
+    ("Status,Quality", lambda bad: f"Snapshot,{'Bad' if bad else 'Good'}"),
+    ("Quality,OPCQuality", lambda bad: f"{133 * bad},{24 if bad else 192}")])
+def test_what_one_of_several_qualities_calls_bad_is_not_used(tmp_path, names, marks):
+    path = tmp_path / "history.csv"
+    path.write_text(f"Name,Timestamp,Value,{names}\n" + "".join(
+        f"FIC101.{s},{t},{x[k]},{marks(s == 'PV' and 100 <= k < 140)}\n"
+        for s, x in SIGNALS.items() for k, t in enumerate(STAMPS)))
+    (record,) = read(path)
+    assert not record.usable[100:140].any() and record.usable[:100].all() and record.usable[140:].all()
+
+
+def test_number_value_time_and_quality_of_each_tag(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text(",".join(f"FIC101_{s}_NUMERICID,FIC101_{s}_VALUE,FIC101_{s}_TIMESTAMP,FIC101_{s}_QUALITY"
+                             for s in SIGNALS) + "\n" + "".join(",".join(
+        f"0,{x[k]},{t},{0 if s == 'PV' and k < 40 else 192}" for s, x in SIGNALS.items()) + "\n"
+        for k, t in enumerate(STAMPS)))
+    (record,) = read(path)
+    assert not record.usable[:40].any() and record.usable[40:].all()
+
+
 @pytest.mark.parametrize(("good", "poor"), [("192 (Good)", "0 (Bad)"), ("S_OK", "E_FAIL")])
 def test_words_of_qualities(tmp_path, good, poor):
     path = tmp_path / "history.csv"
@@ -242,7 +267,8 @@ def test_other_moves_are_no_change_of_units(tmp_path, changed):
     assert not noticed(tmp_path, **changed)[1]
 
 
-@pytest.mark.parametrize(("number", "where"), [(-9999, slice(100, 160)), (9999, slice(0, 3)), (65535, slice(40, 41)),
+@pytest.mark.parametrize(("number", "where"), [(3.402823e38, slice(100, 160)), (-1e30, slice(20, 21)),
+                                               (-9999, slice(100, 160)), (9999, slice(0, 3)), (65535, slice(40, 41)),
                                                (-99999, slice(290, 300))])
 def test_numbers_that_stand_for_none_are_not_used(tmp_path, number, where):
     values = SIGNALS["SP"].copy()
