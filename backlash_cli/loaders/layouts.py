@@ -274,9 +274,11 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
     alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
         word == head.plain[i] or head.marks(i))]
     roles = [i for i in values if head.tags[i].role in SIGNALS]
-    marked = signals if len(alike) == 1 < len(signals) and not min(signals) < alike[0] < max(signals) else next(
-        (own for own in (roles, signals) if len(own) == len(alike) and len({words[i] for i in alike}) == 1), [])
-    quality: dict[int, tuple[int, ...]] = {i: (mark,) for i, mark in zip(marked, alike * len(marked), strict=False)}
+    kinds = {words[i] for i in alike}
+    of_row = len(signals) > 1 and len(kinds) == len(alike) and not any(min(signals) < i < max(signals) for i in alike)
+    marked = signals if of_row else next(
+        (own for own in (roles, signals) if len(own) == len(alike) and len(kinds) == 1), [])
+    quality = {i: head.qualities(alike) if of_row else (alike[k],) for k, i in enumerate(marked)}
     owners = {(head.tags[i].loop, head.tags[i].role): i for i in roles}
     for i in (i for i in values if not marked or i not in alike):
         tag, of, before = head.tags[i], split_tag(head.tags[i].of), i - 1

@@ -151,6 +151,7 @@ class StampReader:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
         self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
+        self.zones = frozenset(self._zones)  # the same when all are known; True as well where their zone is named
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
@@ -233,6 +234,7 @@ class StampReader:
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         zone = self._zone if False in self._zones else None
+        self.zones = frozenset({True} if zone else self._zones)
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
@@ -249,11 +251,6 @@ class StampReader:
         """What is to be said of all stamps, when they were resolved."""
         doubled = noted("dst_repeated_hour", rows=self._doubled, zone=self.options.timezone)
         return (*self.notes, doubled) if self._doubled else tuple(self.notes)
-
-    @property
-    def zones(self) -> frozenset[bool | None]:
-        """Whether stamps carry an offset or are of a zone that is named (True), count as UTC, or need none (None)."""
-        return frozenset(known if known is not False or not self._zone else True for known in self._zones)
 
     def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""

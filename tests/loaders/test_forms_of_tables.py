@@ -58,6 +58,9 @@ FORMS = {
         ",".join(["", *(f"FIC101.{s},," for s in SIGNALS)]), "Time" + ",Min,Max,Avg" * 3, *(
             ",".join([s, *(f"{x[k] - 2:g},{x[k] + 2:g},{x[k]:g}" for x in SIGNALS.values())])
             for k, s in enumerate(STAMPS))]),
+    "modes at the end, between tabs": "Tag\tTime\tValue\n" + "\n".join(
+        f"FIC101:{role}\t17.03.2026 {s[11:]}\t{x[k]}" for role, x in {**SIGNALS, "MODE": ["AUTO"] * ROWS}.items()
+        for k, s in enumerate(STAMPS)),
     "an empty column between pairs": "\n".join([",".join(f"FIC101.{s},," for s in SIGNALS), "Timestamp,Value,," * 3, *(
         ",".join(f"{s},{x[k]:g}," for x in SIGNALS.values()) for k, s in enumerate(STAMPS))]),
     "ticks": "\n".join(["TagName,Ticks,Value,IsGood", *(
@@ -128,6 +131,23 @@ def test_what_one_of_several_qualities_calls_bad_is_not_used(tmp_path, names, ma
         for s, x in SIGNALS.items() for k, t in enumerate(STAMPS)))
     (record,) = read(path)
     assert not record.usable[100:140].any() and record.usable[:100].all() and record.usable[140:].all()
+
+
+@pytest.mark.parametrize("head", ["Time,SP,PV,OP,Status,Quality", "Time,FIC101.SP,FIC101.PV,FIC101.OP,Status,Quality",
+                                  "Time,SP,PV,OP,Status,Quality,loop"])
+def test_what_one_of_several_qualities_of_the_row_calls_bad_is_not_used(tmp_path, head):
+    path = tmp_path / "FIC101.csv"
+    path.write_text(wide(head, extra=lambda k: ("OK", "Bad" if 100 <= k < 140 else "Good", "FIC101")[
+        : head.count(",") - 3]))
+    (record,) = read(path)
+    assert record.loop == "FIC101" and not record.usable[100:140].any() and record.usable[140:].all()
+
+
+def test_a_folder_names_the_loop_of_data(tmp_path):
+    for loop in LOOPS:
+        (tmp_path / "plant" / loop).mkdir(parents=True)
+        (tmp_path / "plant" / loop / "data.csv").write_text(wide("Time,SP,PV,OP"))
+    assert [record.loop for record in read(tmp_path / "plant")] == [*LOOPS]
 
 
 def test_number_value_time_and_quality_of_each_tag(tmp_path):
