@@ -131,9 +131,9 @@ class Head(Frozen):
         return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
 
     def qualities(self, called: list[int]) -> tuple[int, ...]:
-        """Those of columns called so that hold known words or codes, or the first one."""
-        return tuple([i for i in called if self.marks(i) or (i in self.texts and quality_words(self.words(i), "named"))]
-                     or called[:1])
+        """Those of columns called so whose name tells more, or that hold known words or codes; or the first one."""
+        return tuple([i for i in called if re.search("good|bad|valid|question", self.plain[i]) or self.marks(i) or (
+            i in self.texts and quality_words(self.words(i), "named"))] or called[:1])
 
 
 class Layout(Frozen):
@@ -268,8 +268,8 @@ def _pairs(head: Head) -> Layout:
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int, ...]]:
     """Columns of quality by the columns they mark: by name, in turn, the one before, or all for one at either end."""
     signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
-    values = [i for i in values if not (head.plain[i] in COLUMNS["quality"] and i in head.texts
-                                        and mode_words(head.words(i)))]  # Status: AUTO, MANUAL
+    modes = [i for i in head.texts if head.tags[i].role != "mode" and mode_words(head.words(i))]  # Status: AUTO, MANUAL
+    values = [i for i in values if i not in modes]
     words = {i: head.plain[i].rstrip("0123456789") for i in values}
     alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
         word == head.plain[i] or head.marks(i))]
@@ -324,9 +324,11 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         elif by_signal:  # the file, or sheet, of all PV with a column per loop
             name = f"{name}.{stem}"
         one = of_tag(head, layout, name, i, place)
-        if not one.role and i in head.texts and mode_words(head.words(i)) and not any(
-                other.role == "mode" and other.loop == (tags[i].of or one.loop) for other in tags):
-            one = replace(one, loop=tags[i].of or one.loop, role="mode")  # FIC101.Status: AUTO, MANUAL
+        if one.role in ("", "mode") and i in head.texts and mode_words(head.words(i)):  # FIC101.Loop Status: AUTO
+            owner = max((tag.loop for tag in tags if tag.role == "pv" and name.startswith(tag.loop) and not (
+                tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
+            if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
+                one = replace(one, loop=owner, role="mode")
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)

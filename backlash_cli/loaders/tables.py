@@ -246,8 +246,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    cells = [*columns, *layout.naming, *layout.further]
-    for batch in table.batches(cells, {i for pair in layout.stamps for i in pair}):
+    for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:

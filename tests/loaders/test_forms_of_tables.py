@@ -120,7 +120,7 @@ def test_qualities_that_mark_nothing_are_said(tmp_path):
 
 @pytest.mark.parametrize(("names", "marks"), [
     ("Good,Questionable", lambda bad: f"{not bad},False"), ("Good,Questionable", lambda bad: f"True,{bad}"),
-    ("Questionable,Good", lambda bad: f"False,{not bad}"),
+    ("Questionable,Good", lambda bad: f"False,{not bad}"), ("Questionable,IsGood", lambda bad: f"0,{int(not bad)}"),
     ("Status,Quality", lambda bad: f"OK,{'Bad' if bad else 'Good'}"),
     ("Status,Quality", lambda bad: f"Snapshot,{'Bad' if bad else 'Good'}"),
     ("Quality,OPCQuality", lambda bad: f"{133 * bad},{24 if bad else 192}")])
@@ -141,6 +141,17 @@ def test_what_one_of_several_qualities_of_the_row_calls_bad_is_not_used(tmp_path
         : head.count(",") - 3]))
     (record,) = read(path)
     assert record.loop == "FIC101" and not record.usable[100:140].any() and record.usable[140:].all()
+
+
+@pytest.mark.parametrize("name", ["FIC101 Auto/Manual", "FIC101.Auto/Man Status", "FIC101 Loop Status",
+                                  "FIC101.MODE_STS"])
+def test_a_column_of_modes_is_that_of_its_loop_whatever_it_is_called(tmp_path, name):
+    path = tmp_path / "history.csv"
+    path.write_text(wide(f"Time,FIC101.SP,FIC101.PV,FIC101.OP,{name}",
+                         extra=lambda k: ("MANUAL" if 100 <= k < 140 else "AUTO",)))
+    (record,) = read(path)
+    assert np.array_equal(np.flatnonzero(record.state == SampleState.MANUAL), np.arange(100, 140))
+    np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
 
 
 def test_a_folder_names_the_loop_of_data(tmp_path):
