@@ -268,8 +268,7 @@ def _pairs(head: Head) -> Layout:
 def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int, ...]]:
     """Columns of quality by the columns they mark: by name, in turn, the one before, or all for one at either end."""
     signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
-    modes = [i for i in head.texts if head.tags[i].role != "mode" and mode_words(head.words(i))]  # Status: AUTO, MANUAL
-    values = [i for i in values if i not in modes]
+    values = [i for i in values if i not in head.texts or head.tags[i].role == "mode" or not mode_words(head.words(i))]
     words = {i: head.plain[i].rstrip("0123456789") for i in values}
     alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
         word == head.plain[i] or head.marks(i))]

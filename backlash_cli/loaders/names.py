@@ -84,8 +84,9 @@ def _labelled(name: str) -> str:
     signals = [text for text, tag in tags.items() if tag.role in SIGNALS]
     if not labels or not signals or (tags[signals[0]].loop and signals[0] != metric):
         return signals[0] if labels and signals else name  # a label is the whole tag
-    known = [labels[key] for kind in ("loop", "tag") for key in labels if key in COLUMNS[kind]]
-    loops = [text for text in (*known, *tags) if text not in signals]
+    loop, tag = ([labels[key] for key in labels if key in COLUMNS[kind]] for kind in ("loop", "tag"))
+    own = re.findall(r".*\d.*", split_tag(metric).loop)  # FIC101.PV {host: srv1}
+    loops = [text for text in (*loop, *own, *tag, *tags) if text not in signals]
     return f"{loops[0]}.{tags[signals[0]].signal}" if loops else name
 
 

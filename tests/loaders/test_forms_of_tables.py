@@ -48,6 +48,7 @@ FORMS = {
         f'"pid_{s}{{instance=""plc1:9100"", job=""opc"", loop=""FIC101""}}"' for s in ("sp", "pv", "op"))),
     "metrics named in their labels": wide("Time," + ",".join(
         f'"{{__name__=""pid_{s}"", tag=""FIC101""}}"' for s in ("sp", "pv", "op"))),
+    "labels beside whole tags": wide("Time," + ",".join(f'"FIC101.{s} {{host: srv1, area: 7}}"' for s in SIGNALS)),
     "two names of the value behind the signal": wide("Time," + ",".join(f"FIC101_{s}.F_CV.Value" for s in SIGNALS)),
     "measured value and output": wide("Time,FIC101/SP,FIC101/MV,FIC101/OUT"),
     "valve position": wide("Time,FIC101 Set Point,FIC101 Process Variable,FIC101 Valve Position"),
