@@ -76,7 +76,7 @@ def is_quality_name(word: str) -> bool:
 
 
 def _labelled(name: str) -> str:
-    """Return FIC101.pv for pid_pv{job="opc", loop="FIC101"}: a metric with labels, one of which names the loop."""
+    """Return FIC101.pv for pid_pv{job="opc", loop="FIC101"}: a label names the loop; and for FIC101.pv {host: a}."""
     metric, _, rest = name.rpartition("{")
     labels = {plain(key): value.strip() for key, value in _LABEL.findall(rest)}
     metric = metric.strip() or labels.pop("name", "")
@@ -85,8 +85,7 @@ def _labelled(name: str) -> str:
     if not labels or not signals or (tags[signals[0]].loop and signals[0] != metric):
         return signals[0] if labels and signals else name  # a label is the whole tag
     loop, tag = ([labels[key] for key in labels if key in COLUMNS[kind]] for kind in ("loop", "tag"))
-    own = re.findall(r".*\d.*", split_tag(metric).loop)  # FIC101.PV {host: srv1}
-    loops = [text for text in (*loop, *own, *tag, *tags) if text not in signals]
+    loops = [one for one in (*loop, *re.findall(r".*\d.*", split_tag(metric).loop), *tag, *tags) if one not in signals]
     return f"{loops[0]}.{tags[signals[0]].signal}" if loops else name
 
 

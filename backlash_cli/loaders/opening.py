@@ -440,8 +440,7 @@ def score_names(cells: list[str]) -> float:
 
 
 def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[str]:
-    """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does, but
-    not for a column that is empty below."""
+    """Two lines of names as one; a name counts for blanks on its right, as a merged cell does, over filled columns."""
     merged = names.count("") > max(len(names) / 3, other.count(""))  # SP, PV, OP, each above all loops
     high, low = (names, other) if merged or score_names(names) < score_names(other) else (other, names)
     tags = [word for word in low if is_whole(word)]

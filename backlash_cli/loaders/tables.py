@@ -23,11 +23,12 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, is_whole, noted, signal_role, split_tag, undated
+from .names import explained, is_whole, noted, signal_role, undated
 from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Source, stem_of
+from .states import mode_words
 from .times import StampReader, micros_of
 
 TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
@@ -316,16 +317,18 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         # rows without a stamp, such as headers in between, are no samples
         keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
+    modes = [] if any(tag.role == "mode" for tag in head.tags) else [  # status: AUTO, MANUAL
+        i for i in layout.values if i in head.texts and mode_words(head.words(i))]
     found, unread = [], {*blank, *chain(*layout.quality.values())}
-    for number, name in enumerate(tags):
+    for number, tag in enumerate(tags):
         if count := int(grouped.rows(number).sum()):
             own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
                           notes=(*axis.notes, *notes))
             found += [replace(one, axis=own) for one in (
-                [replace(of_tag(head, layout, f"{name}.{head.names[i]}", i), loop=name, signal=head.names[i],
-                         role=signal_role(head.names[i])) for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, name if split_tag(name).loop or not signal_role(name) else  # SP, PV, OP
-                        f"{undated(head.stem)}.{name}", layout.values[0])])]
+                [replace(of_tag(head, layout, f"{tag}.{head.names[i]}", i), loop=tag, signal=head.names[i],
+                         role="mode" if i in modes else signal_role(head.names[i]))
+                 for i in layout.values if i not in unread] if tall else
+                [of_tag(head, layout, f"{undated(head.stem)}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
     return found
 
 

@@ -151,7 +151,6 @@ class StampReader:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
         self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
-        self.zones = frozenset(self._zones)  # the same when all are known; True as well where their zone is named
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
@@ -234,7 +233,7 @@ class StampReader:
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         zone = self._zone if False in self._zones else None
-        self.zones = frozenset({True} if zone else self._zones)
+        self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)

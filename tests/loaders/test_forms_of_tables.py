@@ -155,6 +155,14 @@ def test_a_column_of_modes_is_that_of_its_loop_whatever_it_is_called(tmp_path, n
     np.testing.assert_allclose(100 * record.output, SIGNALS["OP"])
 
 
+def test_a_status_of_auto_and_manual_is_the_mode_of_rows_per_loop(tmp_path):
+    path = tmp_path / "history.csv"
+    path.write_text(wide("Time,SP,PV,OP,loop,status",
+                         extra=lambda k: ("FIC101", "MANUAL" if 100 <= k < 140 else "AUTO")))
+    (record,) = read(path)
+    assert np.array_equal(np.flatnonzero(record.state == SampleState.MANUAL), np.arange(100, 140))
+
+
 def test_a_folder_names_the_loop_of_data(tmp_path):
     for loop in LOOPS:
         (tmp_path / "plant" / loop).mkdir(parents=True)
