@@ -19,6 +19,7 @@ RESOLVED = 3.0  # recorder steps that a usual change of a noisy signal is large
 OPPOSED = -0.2  # correlation of neighbouring changes below which there is noise
 QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still this long to be called frozen
 STANDINS = (-32768.0, 32767.0, 65535.0, *(sign * ten - sign for ten in (1e3, 1e4, 1e5, 1e6) for sign in (-1.0, 1.0)))
+LARGEST = 1e29  # no plant measures more
 CONVERTED = 3.0  # times larger or smaller: another unit, no other state of the plant
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
@@ -96,8 +97,11 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
 
 def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where samples are exactly 0, up to LONE in a row, or one of STANDINS, and lie far outside all
-    others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; None where there are none."""
-    found = None
+    others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; or beyond LARGEST, as 3.4e38 is;
+    None where there are none."""
+    found: NDArray[np.bool_] | None = None
+    if (beyond := np.abs(values) > LARGEST).any():
+        values, found = np.where(beyond, np.nan, values), beyond
     for number in sorted({0.0, *STANDINS} & {0.0, float(np.fmin.reduce(values, initial=np.inf)),
                                              float(np.fmax.reduce(values, initial=-np.inf))}, key=abs, reverse=True):
         same = values == number

@@ -74,7 +74,7 @@ class Recipe(Frozen):
         """Return the recipe with its samples, for another machine; columns of Parquet files are read there."""
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
-            columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, item.marked) if i >= 0)
+            columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, *item.marks))
         return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property

@@ -5,7 +5,7 @@ from bisect import bisect
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -98,9 +98,9 @@ class Head(Frozen):
 
     @cached_property
     def ids(self) -> list[int]:
-        """Columns of tags that are numbers, as keys of a data base are, beside a column of values."""
-        beside = not VALUE.isdisjoint(self.plain)
-        return [i for i in self.numbers if beside and self.plain[i] in TAG and pa.types.is_integer(
+        """Columns of tags or loops that are numbers, as keys of a data base are, beside a column of values or of PV."""
+        beside = not VALUE.isdisjoint(self.plain) or any(tag.role == "pv" and not tag.loop for tag in self.tags)
+        return [i for i in self.numbers if beside and self.plain[i] in TAG | LOOP and pa.types.is_integer(
             self.columns[i].type) and not self.counts(i)]
 
     @cached_property
@@ -130,16 +130,23 @@ class Head(Frozen):
         values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
         return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
 
+    def qualities(self, called: list[int]) -> tuple[int, ...]:
+        """Those of columns called so whose name tells more, or that hold known words or codes; or the first one."""
+        return tuple([i for i in called if re.search("good|bad|valid|question", self.plain[i]) or self.marks(i) or (
+            i in self.texts and quality_words(self.words(i), "named"))] or called[:1])
+
 
 class Layout(Frozen):
     """What the columns are. stamps: of each set of rows the column of its stamps, or those of date and time of day.
-    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> the one that marks it."""
+    values: of signals. naming: the tag of rows, or loop and signal apart. quality: column -> those that mark it.
+    further: hold the value, such as the word of a mode, of rows that have none in `values`."""
 
     kind: str
     stamps: tuple[Sequence[int], ...]
     values: tuple[int, ...]
     naming: tuple[int, ...] = ()
-    quality: dict[int, int] = field(default_factory=dict)
+    quality: dict[int, tuple[int, ...]] = field(default_factory=dict)
+    further: tuple[int, ...] = ()
 
 
 def layout_of(head: Head, options: ReadOptions) -> Layout:
@@ -150,8 +157,9 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(
-        sorted((i for i in texts if head.plain[i] in GROUPS | TAG),
-               key=lambda i: (head.plain[i] not in LOOP, -len(head.words(i))))[:1] if kind == "tall" else ())
+        sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
+               key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)))
+               )[:1] if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
@@ -161,15 +169,16 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
     rest = [i for i in values if i not in named]
-    quality = ([i for i in rest if is_quality_name(head.plain[i])]
-               or [i for i in rest if len(values) > 1 and head.marks(i)])[:1]
+    quality = head.qualities([i for i in rest if is_quality_name(head.plain[i])]) or tuple(
+        [i for i in rest if len(values) > 1 and head.marks(i)][:1])
     rest = [i for i in rest if i not in quality]
     numbers = [i for i in rest if i not in head.texts and not head.counts(i)]
     value = (named or numbers or rest)[:1]
     if not value or (not named and len(numbers) > 1):
         there = some([head.names[i] for i in numbers]) or "none holds numbers"
         raise InputError(**explained("no_values", there=there), where=head.where)
-    return Layout(kind, (stamps,), tuple(value), naming, dict(zip(value, quality, strict=False)))
+    return Layout(kind, (stamps,), tuple(value), naming, dict.fromkeys(value, quality),
+                  tuple(i for i in rest if head.plain[i] in COLUMNS["further"] and i not in value))
 
 
 def _recognise(head: Head) -> str:
@@ -177,7 +186,7 @@ def _recognise(head: Head) -> str:
     alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
-        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts) else "wide"
+        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts + head.ids) else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
     if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
@@ -222,7 +231,10 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
         if groups:
             return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
     if whole:
-        return (next((i for i in whole if i in named), whole[0]),)
+        one = next((i for i in whole if i in named), whole[0])  # pid_pv beside a column that names the loop
+        apart = [i for i in texts if head.plain[i] in LOOP and heads[i] and not any(
+            loop.lower() in tag.lower() for tag in heads[one] for loop in heads[i])]
+        return (*apart[:1], one)
     return tuple([i for i in named if heads[i]][:1])
 
 
@@ -238,7 +250,7 @@ def _pairs(head: Head) -> Layout:
     """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
     lead = _leading(head)
     stamps: list[tuple[int]] = []
-    quality: dict[int, int] = {}
+    quality: dict[int, tuple[int, ...]] = {}
     values: list[int] = []
     for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
         block = [i for i in range(column - lead, end - lead) if i != column and (
@@ -249,38 +261,43 @@ def _pairs(head: Head) -> Layout:
         if first >= 0:
             stamps.append((column,))
             values += [first, *others]
-            quality |= _quality_beside(head, block) if others else dict(zip([first], marks, strict=False))
+            quality |= _quality_beside(head, block) if others else {first: head.qualities(marks)}
     return Layout("pairs", tuple(stamps), tuple(values), quality=quality)
 
 
-def _quality_beside(head: Head, values: Collection[int]) -> dict[int, int]:
-    """Columns of quality by the columns they mark: by name, the one before, or all where one stands at either end."""
+def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int, ...]]:
+    """Columns of quality by the columns they mark: by name, in turn, the one before, or all for one at either end."""
     signals = [i for i in values if head.tags[i].role in ("sp", "pv", "op")]
-    values = [i for i in values if not (head.plain[i] in COLUMNS["quality"] and i in head.texts
-                                        and mode_words(head.words(i)))]  # Status: AUTO, MANUAL
-    row = [i for i in values if head.plain[i] in COLUMNS["quality"]]  # no OP.Quality
-    if len(row) != 1 or len(signals) < 2 or min(signals) < row[0] < max(signals):
-        row = []
-    measured = {head.tags[i].loop: i for i in values if head.tags[i].role == "pv"}
-    quality = {i: mark for mark in row for i in signals}
-    for i in (i for i in values if i not in row):
-        tag, before = head.tags[i], i - 1
-        if tag.role == "quality" and tag.of in head.names:
-            quality[head.names.index(tag.of)] = i
-        elif tag.role == "quality" and tag.of in measured and (
-                head.marks(i) or re.search("bad|qual|valid", head.plain[i])):  # FIC101.BadPV
-            quality[measured[tag.of]] = i
-        elif before in values and (not tag.of or head.tags[before].loop == tag.loop) and (
+    values = [i for i in values if i not in head.texts or head.tags[i].role == "mode" or not mode_words(head.words(i))]
+    words = {i: head.plain[i].rstrip("0123456789") for i in values}
+    alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
+        word == head.plain[i] or head.marks(i))]
+    roles = [i for i in values if head.tags[i].role in SIGNALS]
+    kinds = {words[i] for i in alike}
+    of_row = len(signals) > 1 and len(kinds) == len(alike) and not any(min(signals) < i < max(signals) for i in alike)
+    marked = signals if of_row else next(
+        (own for own in (roles, signals) if len(own) == len(alike) and len(kinds) == 1), [])
+    quality = {i: head.qualities(alike) if of_row else (alike[k],) for k, i in enumerate(marked)}
+    owners = {(head.tags[i].loop, head.tags[i].role): i for i in roles}
+    for i in (i for i in values if not marked or i not in alike):
+        tag, of, before = head.tags[i], split_tag(head.tags[i].of), i - 1
+        of_loop = owners.get((tag.of, "pv"), -1) if head.marks(i) or re.search("bad|qual|valid", head.plain[i]) else -1
+        owner = -1 if tag.role != "quality" else head.names.index(tag.of) if tag.of in head.names else owners.get(
+            (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
+        if owner < 0 and before in values and before not in alike and (
+                not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_quality_name(head.plain[i])
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
-            quality[before] = i
+            owner = before
+        if owner >= 0:
+            quality[owner] = (*quality.get(owner, ()), i)
     return quality
 
 
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
-    pairs, marks, tags = layout.kind == "pairs", set(layout.quality.values()), head.tags
+    pairs, marks, tags = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
@@ -306,9 +323,11 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
         elif by_signal:  # the file, or sheet, of all PV with a column per loop
             name = f"{name}.{stem}"
         one = of_tag(head, layout, name, i, place)
-        if not one.role and i in head.texts and mode_words(head.words(i)) and not any(
-                other.role == "mode" and other.loop == (tags[i].of or one.loop) for other in tags):
-            one = replace(one, loop=tags[i].of or one.loop, role="mode")  # FIC101.Status: AUTO, MANUAL
+        if one.role in ("", "mode") and i in head.texts and mode_words(head.words(i)):  # FIC101.Loop Status: AUTO
+            owner = max((tag.loop for tag in tags if tag.role == "pv" and name.startswith(tag.loop) and not (
+                tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
+            if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
+                one = replace(one, loop=owner, role="mode")
         if alone and (home or not one.loop or not one.role):
             one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)
@@ -319,6 +338,5 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
 
 def of_tag(head: Head, layout: Layout, name: str, column: int, place: int = 0) -> Series:
     """The signal that a tag names, in a column of cells with the stamps of a place in the layout."""
-    tag, mark = split_tag(name), layout.quality.get(column, -1)
-    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, column, place, mark,
-                  head.names[mark] if mark >= 0 else "")
+    tag, marks = split_tag(name), {i: head.names[i] for i in layout.quality.get(column, ())}
+    return Series(name, tag.loop, tag.role if tag.role in SIGNALS else "", tag.signal, column, place, marks)

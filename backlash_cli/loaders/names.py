@@ -17,6 +17,7 @@ _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ ])+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|\.\w+@\w+$")  # \\SERVER\, .UNIT1@NET0
+_LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
@@ -74,6 +75,20 @@ def is_quality_name(word: str) -> bool:
     return word in COLUMNS["quality"] or (("valid" in word or "qualit" in word or "gültig" in word) and len(word) < 24)
 
 
+def _labelled(name: str) -> str:
+    """Return FIC101.pv for pid_pv{job="opc", loop="FIC101"}: a label names the loop; and for FIC101.pv {host: a}."""
+    metric, _, rest = name.rpartition("{")
+    labels = {plain(key): value.strip() for key, value in _LABEL.findall(rest)}
+    metric = metric.strip() or labels.pop("name", "")
+    tags = {text: split_tag(text) for text in (metric, *labels.values()) if text}
+    signals = [text for text, tag in tags.items() if tag.role in SIGNALS]
+    if not labels or not signals or (tags[signals[0]].loop and signals[0] != metric):
+        return signals[0] if labels and signals else name  # a label is the whole tag
+    loop, tag = ([labels[key] for key in labels if key in COLUMNS[kind]] for kind in ("loop", "tag"))
+    loops = [one for one in (*loop, *re.findall(r".*\d.*", split_tag(metric).loop), *tag, *tags) if one not in signals]
+    return f"{loops[0]}.{tags[signals[0]].signal}" if loops else name
+
+
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
@@ -87,11 +102,11 @@ def split_tag(text: str) -> Tag:
             p == pieces[0] or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
         if len(whole) == 1:
             return whole.pop()
+    name = _labelled(name) if "{" in name and len(name) <= NESTED_LIMIT else name
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
         before, role = bracket[1], signal_role(bracket[2])
-        name = (f"{bracket[2]}.{before}" if "{" in name and signal_role(before) else f"{before}.{bracket[2]}" if (
-            role and role != split_tag(before).role) or plain(bracket[2]) in COLUMNS["statistic"] else
-            before or bracket[2])
+        name = (f"{before}.{bracket[2]}" if (role and role != split_tag(before).role) or (
+            plain(bracket[2]) in COLUMNS["statistic"]) else before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)
@@ -109,7 +124,8 @@ def split_tag(text: str) -> Tag:
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
         kept = parts[: len(parts) - drop]
         end = parts[-drop].start() if drop else len(name)
-        if len(kept) >= words and (not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"]):
+        if len(kept) >= words and (not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"] or (
+                {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
                 return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

@@ -320,6 +320,8 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
     only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
     numbers = commas if delimiter == "," else every
+    if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":
+        text.notes.append(noted("decimal_comma", number=numbers[0]))
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
@@ -343,7 +345,7 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
         width, count = Counter(map(len, rows)).most_common(1)[0]
-        if width < 2:
+        if width < 2 or (candidate == " " and "\t" in lines[-1]):  # blanks within cells
             continue
         kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
         known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")
@@ -410,7 +412,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         is_time_name(name) or is_quality_name(plain(name)) or plain(name) in COLUMNS["ignored"] | COLUMNS["value"]))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
-            joined = _joined(names, other)
+            joined = _joined(names, other, kinds)
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
     return tuple(names)
@@ -437,17 +439,19 @@ def score_names(cells: list[str]) -> float:
     return points
 
 
-def _joined(names: list[str], other: list[str]) -> list[str]:
-    """Two lines of names as one; a name counts for the empty cells on its right, as a merged spreadsheet cell does."""
-    high, low = (other, names) if score_names(names) >= score_names(other) else (names, other)
+def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[str]:
+    """Two lines of names as one; a name counts for blanks on its right, as a merged cell does, over filled columns."""
+    merged = names.count("") > max(len(names) / 3, other.count(""))  # SP, PV, OP, each above all loops
+    high, low = (names, other) if merged or score_names(names) < score_names(other) else (other, names)
     tags = [word for word in low if is_whole(word)]
     enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
-    for cell, word in zip(high, low, strict=True):
-        upper = cell or upper
+    for cell, word, kind in zip(high, low, kinds, strict=True):
+        upper = cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
         part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
-            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word)))
+            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word))
+            or plain(word) in COLUMNS["statistic"])
         result.append(word if word in enough else f"{upper}.{word}" if upper and part else upper or word)
     return result
 

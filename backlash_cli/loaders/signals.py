@@ -151,7 +151,7 @@ class Store:
 
 class Axis(Frozen, eq=False):
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
-    which: of the rows, or of those of a group. where: file. first_line: line of row 0."""
+    which: of the rows, or of those of a group. where: file. first_line: line of row 0. zones: as of a StampReader."""
 
     rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
@@ -160,6 +160,7 @@ class Axis(Frozen, eq=False):
     notes: tuple[Note, ...] = ()
     where: str = ""
     first_line: int = 0
+    zones: frozenset[bool | None] = frozenset()
 
     def __len__(self) -> int:
         return len(self.which)
@@ -214,7 +215,7 @@ class Axis(Frozen, eq=False):
 
 class Series(Frozen, eq=False):
     """One signal of one file. tag: its name as written. loop, role, signal: its parts. column: of the file.
-    stamps: its set of rows in the layout. quality: name of the column `marked`, which says what is good. axis: rows."""
+    stamps: its set of rows in the layout. marks: columns that say what is good, and their names. axis: rows."""
 
     tag: str
     loop: str
@@ -222,15 +223,11 @@ class Series(Frozen, eq=False):
     signal: str
     column: int
     stamps: int = 0
-    marked: int = -1
-    quality: str = ""
+    marks: dict[int, str] = field(default_factory=dict)
     axis: Axis = field(default=None)  # type: ignore[assignment]
 
     def cells(self) -> Cells:
         return self.axis.cells(f"v{self.column}")
-
-    def marks(self) -> Cells | None:
-        return self.axis.cells(f"v{self.marked}") if self.quality else None
 
 
 @dataclass
@@ -286,11 +283,16 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
     bare = defaultdict[str, list[Series]](list)
     for item in series:
-        bare["" if item.loop else item.tag].append(item)
+        bare["" if item.loop else bare_tag(item.tag)].append(item)
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
-        values = bare.get(name) or next((v for k, v in one.extra.items() if plain(k) in COLUMNS["value"]), None)
+        values = bare.get(bare_tag(name)) or next(
+            (items for signal, items in one.extra.items() if plain(signal) in COLUMNS["value"]), None)
         if one.roles and values and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
+        outputs = one.roles.get("op", [])
+        measured = [item for item in outputs if plain(item.signal) == "mv"]  # beside OUT it is the measured value
+        if "pv" not in one.roles.keys() | asked.get(name, {}).keys() and 0 < len(measured) < len(outputs):
+            one.roles |= {"pv": measured, "op": [item for item in outputs if item not in measured]}
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}
@@ -318,7 +320,7 @@ class Joiner:
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
-        self._marks: dict[tuple[str, str], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
+        self._marks: dict[tuple[str, ...], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
         self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:
@@ -336,17 +338,18 @@ class Joiner:
         return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:
-        cells, marks, good = item.cells(), item.marks(), None
+        cells, good = item.cells(), np.ones(len(item.axis), bool)
         values, bad = cells.numbers()
         notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
-        if marks is not None:
-            known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag), {})
-            good, notes = good_samples(marks, self.good_quality, item.quality, known)
+        for column, name in item.marks.items():  # good is what all of them call so
+            known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag, name), {})
+            called, more = good_samples(item.axis.cells(f"v{column}"), self.good_quality, name, known)
+            good, notes = good & called, [*notes, *more]
         for code in ("bad_quality", "no_values"):
-            wrong = no_values(values) if code == "no_values" else None if good is None else ~good
+            wrong = no_values(values) if code == "no_values" else ~good if item.marks else None
             faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
             if wrong is not None and wrong.any():
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)

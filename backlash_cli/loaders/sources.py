@@ -21,9 +21,9 @@ from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, explained, plain, signal_role
 
-_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|parquet|pq|xlsx|xlsm|zip))?"
+_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
-_PART = re.compile(r"(?:part|data|chunk)[-_.]\d", re.IGNORECASE)  # pieces of a dataset as Arrow, Spark, Dask call them
+_PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECASE)  # of a dataset
 
 
 class Source(Frozen):

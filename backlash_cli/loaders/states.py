@@ -17,11 +17,11 @@ _ONE_IS_MANUAL = re.compile(r"(?:in|is)?man(?:ual)?_?(?:mode|flag|act|active|on)
 _ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
 
 
-def quality_words(words: list[str]) -> bool:
-    """Say whether texts are qualities, and no modes or states."""
+def quality_words(words: list[str], named: str = "") -> bool:
+    """Say whether texts are qualities, and no modes or states. named: the column is called so."""
     plain = [word.strip() for word in words if len(word.strip()) > 1]
     return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
-        re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
+        named or re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
 
 
 def mode_words(words: list[str]) -> bool:

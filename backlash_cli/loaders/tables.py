@@ -24,11 +24,12 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, is_whole, noted, signal_role
+from .names import explained, is_whole, noted, signal_role, undated
 from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Source, stem_of
+from .states import mode_words
 from .times import StampReader, micros_of
 
 TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
@@ -219,7 +220,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
-            notes += [noted("passed_over", name=name, error=error)][: kind == "archive"]
+            notes.append(noted("passed_over", name=name, error=error))
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes
@@ -232,25 +233,31 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
              is_needed: Callable[[Series], bool], room: Room) -> list[Series]:
     """Store stamps in UTC ("t0" ...) and cells ("v3" ...), rows of many tags by tag; Parquet may stay in its file."""
     head = table.head
-    columns = sorted({*layout.values, *layout.quality.values()})
+    columns = sorted({*layout.values, *chain(*layout.quality.values())})
     blank = {i for i in columns if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
             pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
-        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where) for pair in layout.stamps]
+        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where, zones=frozenset([bool(kind.tz)]))
+                for pair, kind in zip(layout.stamps, kinds, strict=True)]
         return _on_axes(signals_of(head, layout, blank), axes, layout)
     if not layout.naming:  # what is still blank may be a tag of the loops file
-        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, one.marked)}
+        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair])
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    for batch in table.batches([*columns, *layout.naming], {i for pair in layout.stamps for i in pair}):
+    for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
             values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
+            for other in layout.further if i in layout.values else ():
+                more, others = stored(batch[other], words[i], head.decimal, written=isinstance(table, TextTable))
+                codes, others = (np.full(len(values), -1, np.int32) if c is None else c for c in (codes, others))
+                empty = np.isnan(values) & (codes < 0)
+                values, codes = np.where(empty, more, values), np.where(empty, others, codes)
             name = intern(f"v{i}")  # pieces of a large file are many
             piece |= {name: values} if codes is None else {name: values, f"{name}w": codes}
             if i in blank and (codes is not None or not np.isnan(values).all()):
@@ -269,8 +276,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
     count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line)
-            for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line,
+                 zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)
@@ -311,15 +318,18 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         # rows without a stamp, such as headers in between, are no samples
         keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
-    found, unread = [], {*blank, *layout.quality.values()}
-    for number, name in enumerate(tags):
+    modes = [] if any(tag.role == "mode" for tag in head.tags) else [  # status: AUTO, MANUAL
+        i for i in layout.values if i in head.texts and mode_words(head.words(i))]
+    found, unread = [], {*blank, *chain(*layout.quality.values())}
+    for number, tag in enumerate(tags):
         if count := int(grouped.rows(number).sum()):
             own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
                           notes=(*axis.notes, *notes))
             found += [replace(one, axis=own) for one in (
-                [replace(of_tag(head, layout, f"{name}.{head.names[i]}", i), loop=name, signal=head.names[i],
-                         role=signal_role(head.names[i])) for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, name, layout.values[0])])]
+                [replace(of_tag(head, layout, f"{tag}.{head.names[i]}", i), loop=tag, signal=head.names[i],
+                         role="mode" if i in modes else signal_role(head.names[i]))
+                 for i in layout.values if i not in unread] if tall else
+                [of_tag(head, layout, f"{undated(head.stem)}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
     return found
 
 

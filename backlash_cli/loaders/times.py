@@ -232,9 +232,8 @@ class StampReader:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
-        if {True, False} <= self._zones:
-            self.notes.append(noted("mixed_zones"))
         zone = self._zone if False in self._zones else None
+        self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)

@@ -69,6 +69,7 @@ TIMES = {
     "pi_long": lambda t: t.strftime("%d-%b-%Y %H:%M:%S.000000"),
     "month_name": lambda t: t.strftime("%d %B %Y %H:%M:%S"),
     "month_first": lambda t: '"' + t.strftime("%b %d, %Y %H:%M:%S") + '"',
+    "at": lambda t: '"' + t.strftime("%b %d, %Y @ %H:%M:%S.000") + '"',
     "month_upper": lambda t: t.strftime("%d-%b-%Y %H:%M:%S").upper(),
     "german_month": lambda t: t.strftime("%d. März %Y %H:%M:%S"),
     "french_month": lambda t: t.strftime("%d mars %Y %H:%M:%S"),
