@@ -3,11 +3,12 @@
     confirm(record) -> Confirmation | Note      a Note says why the test could not be made
 
 The same question is asked in block means of about Ti/8, Ti/4, Ti/2 and Ti (short records Ti/16 as well): dead bands of
-slow loops show in long blocks, of fast ones in short ones. The evidence is the mean of the two that show it best, each
-less half of what gaps that forget would gain in its place: a load or a curved valve that is not linear gains for both.
-It counts near the width that explains most in the mean over all lengths: a gap that PV cannot answer, but explains far
-more, is not proved by what a fraction of it explains. Where there is a trace, those two lengths are asked again, with
-more rows and finer widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`.
+slow loops show in long blocks, of fast ones in short ones. The evidence is the sum of what PV's answer to the gap as
+to OP and an answer of its own bring, each the mean of the two lengths that show it best, less half of what gaps that
+forget would gain in its place: a load or a curved valve that is not linear gains for both. It counts near the width
+that explains most in the mean over all lengths: a gap that PV cannot answer, but explains far more, is not proved by
+what a fraction of it explains. Where there is a trace, those two lengths are asked again, with more rows and finer
+widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,7 +22,7 @@ from ..results import Confirmation
 from ..words import noted
 from .criteria import FEWEST_CROSSINGS
 from .exclusion import excluded
-from .gap_test import IMITATED, GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
+from .gap_test import IMITATED, GapTest, forgetting_gaps_in, gaps_in, gaps_tested, imitation_gains, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .quality import stored_as
 from .rebuild import rebuilt_output
@@ -40,7 +41,8 @@ FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
-LEAST_INTERVAL, IMPERFECTION = 0.08, 0.4  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
 DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
 GAP = 20  # samples; a hole as long ends a recording
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
@@ -57,6 +59,11 @@ class Asked(Frozen):
     def net(self) -> FloatArray:
         """Evidence (widths,) [nats] of gaps that are a possible answer of PV."""
         return self.test.answer - IMITATED * self.imitation
+
+    @property
+    def free(self) -> FloatArray:
+        """The same of gaps that PV answers in its own way, where the record knows where the stem stands."""
+        return np.where(self.test.counted >= WELL_KNOWN, self.test.free, -1.0) - IMITATED * self.imitation
 
 
 class Study(Frozen):
@@ -147,7 +154,7 @@ def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: fl
     predictions = _predictions(recordings, sizes, span, MOST_ROWS, rounding)
     tests = _tests(predictions, recordings, widths, sizes[0], K, Ti, interval)
     gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
-                                          for r in recordings], free_gains)
+                                          for r in recordings], imitation_gains)
     return tuple(Asked(p, test, float(gain.max())) for p, test, gain in zip(predictions, tests, gains, strict=True)
                  if p is not None and test is not None and gain is not None)
 
@@ -255,13 +262,14 @@ def memory(values: FloatArray) -> float:
 
 
 def _evidence(asked: Sequence[Asked]) -> float:
-    """Evidence [nats] for the best width: the mean of the two block lengths that show it best. In one of them the
-    answer must be a possible one; slow parts of it are known too badly to ask that of both."""
+    """Evidence [nats] for the best width: of tied and free answers, each the mean of the two block lengths that show it
+    best. In one of them the tied answer must be possible; slow parts of it are known too badly to ask that of both."""
     # where an imitation does clearly better than the gap there is no evidence: so it is under a load that switches
     kept = [np.where(a.test.fit > AS_GOOD * a.imitation, np.inf, 0.0) for a in asked]
     possible = np.max([np.minimum(a.net, k) for a, k in zip(asked, kept, strict=True)], axis=0)
     fitting = [np.minimum(a.test.fit - IMITATED * a.imitation, k) for a, k in zip(asked, kept, strict=True)]
     second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
     found = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
-    best = int(_explained([a.test for a in asked]).argmax())
+    found += np.mean(np.sort([a.free for a in asked], axis=0)[-SIZED:], axis=0)
+    best = int(np.mean([a.test.gain for a in asked], axis=0).argmax())
     return float(np.max(found[max(best - NEAR, 0) : best + NEAR + 1]))

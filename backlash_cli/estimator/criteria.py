@@ -1,6 +1,6 @@
 """What counts as evidence: the rules on a Confirmation, each with its origin.
 
-CALLED, SOME and the table CONFIDENCE come from 2,200 loops of plants that share nothing with the model of the test
+CALLED, SOME and the table CONFIDENCE come from 1,600 loops of plants that share nothing with the model of the test
 (tests/benchmarks/strangers.py; docs/reliability.md): there 2 % of the healthy ones go beyond CALLED. The others
 are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's.
 """
@@ -12,17 +12,17 @@ from ..results import Confirmation
 from ..words import noted, times
 
 CALLED, CALLED_TESTED = 6.5, 9.0  # nats, in automatic and in a test in manual
-SOME = 4.0  # nats: worth a look
+SOME = 5.0  # nats: worth a look
 ELSEWHERE = 2.0  # nats that a test in manual must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
-CONFIDENCE = ((4.0, 0.4), (6.5, 0.5), (8.0, 0.8), (11.0, 0.9), (25.0, 0.92), (40.0, 0.98))  # nats, share right
+CONFIDENCE = ((5.0, 0.4), (6.5, 0.6), (10.0, 0.8), (15.0, 0.87), (25.0, 0.93), (40.0, 0.96), (70.0, 0.98))
 CONFIDENCE_TESTED = ((5.0, 0.80), (9.0, 0.95), (20.0, 0.97))  # the same of tests in manual (strangers --kind manual)
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes
 MOTION, LEAST_MOTION = 1.5, 1.2  # range of OP over a dead band that it can show; the least, with evidence for three
 FEWEST_CROSSINGS = 2  # of the gap, back after forth; from one upset any curve looks like a gap
 STEADY = 2.5  # deviations from zero of the share with which PV answers the gap, over stretches of the record
 CLEARED, CLEARED_TESTED = 0.02, 0.05  # span: "no backlash, below" is said up to here, of a test in manual up to there
-KNOWN = 0.75  # half interval over d; beyond, nobody can act on the size
+KNOWN = 1.0  # half interval over d; beyond, it reaches down to no dead band at all
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 
 

@@ -19,7 +19,7 @@ SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range o
 COUNTED = 0.5  # of the rows; wider gaps, which the record hardly knows, show in narrower ones as well
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
-WEIGHTS, CONSTANT = (0.367, -0.667, 0.049, -0.298, 0.732, -0.461, -1.343), -4.189  # of the signs, by regression
+WEIGHTS, CONSTANT = (0.241, 0.006, 0.186, -0.336, 0.988, -0.075, -0.368), -2.633  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
@@ -28,18 +28,18 @@ def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) ->
     far PV's answer falls short.
 
     tests: of each block length, with what its best imitation gained. length: of the record in integral times. span (of
-    OP): % of span. The signs are the net gain of the two best block lengths, by how many deviations PV's share in the
-    gap is short of full and the tied gain (medians over block lengths), these three as sign times log1p; and the logs
-    of length, of span over L, of L, and of the share's deviation. The last number is the shortfall as it is.
+    OP): % of span. The signs are the net gain of free answers in the two best block lengths, by how many deviations
+    PV's share in the gap is short of full and the tied gain (medians over block lengths), these three as sign times
+    log1p; and the logs of length, span over L, L, and the share's deviation. The last is the shortfall as it is.
     """
     widths, limits = tests[0][0].widths, np.array(LIMITS)
     known = (widths <= span / BEYOND) & (tests[0][0].counted > COUNTED)
     there = known & (widths >= SMALLER * limits[:, None])
     there[~there.any(axis=1), np.flatnonzero(known)[-1] if known.any() else -1] = True
     kept = np.where(there, 0.0, np.nan)[:, None]  # (limits, 1, widths)
-    gain, tied, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
-                                    for name in ("gain", "tied", "share", "deviation"))
-    net = np.sort(np.nanmax(gain, axis=2) - IMITATED * np.array([imitated for _, imitated in tests]), axis=1)
+    free, tied, share, deviation = (np.array([getattr(t, name) for t, _ in tests]) + kept
+                                    for name in ("free", "tied", "share", "deviation"))
+    net = np.sort(np.nanmax(free, axis=2) - IMITATED * np.array([imitated for _, imitated in tests]), axis=1)
     short = np.median(np.nanmin((FULL - share) / np.maximum(deviation, 0.02), axis=2), axis=1)
     known = np.maximum(np.median(np.nanmedian(deviation, axis=2), axis=1), 1e-3)
     told = [np.sign(x) * np.log1p(np.abs(x)) for x in (net[:, -BEST:].sum(axis=1) / BEST, short,

@@ -10,6 +10,10 @@ already (the J test of nested and non-nested models, Davidson and MacKinnon, Eco
     deviation  of the share, from sums over stretches of the record, so that one event does not pass for many
     tied       the gain of the tied fit over the prediction without a gap: below zero where the gap alone does worse
                than OP itself, which no valve does
+    free       the gain with an answer of its own, in few lags, where that is one of a process; else -1
+
+In a loop that nothing moves but its load, OP is made of past PV alone: what PV answers to OP cannot be told from what
+the load does next, and a gap tied to that reads low. An answer of its own shows it there, and proves less elsewhere.
 
 Until OP has covered the gap since a recording began, nobody knows where the stem stands in it: what lies before does
 not count, neither for the gap nor against it. In many short recordings of one loop that is much.
@@ -30,7 +34,9 @@ COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
-FREE_LAGS = 4  # of an imitation
+FREE_LAGS = 4  # of an answer of its own, to a gap or to an imitation
+SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # how long an answer is watched, and when it must have come [Ti]: four lags tell
+# only how it begins
 NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
 TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
 IMITATED = 0.5  # of what imitations gain is taken off
@@ -49,6 +55,7 @@ class GapTest(Frozen):
     possible: NDArray[np.bool_]
     error_reduction: FloatArray
     counted: FloatArray
+    free: FloatArray
 
     @property
     def fit(self) -> FloatArray:
@@ -97,6 +104,8 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     """
     H, y, at, counts = p.columns, p.target, p.past_output, p.since(known)
     G = p.lagged(gaps)
+    own_gain, beside, own_answer = free_answers(p, G[:, :FREE_LAGS])
+    own_gain = np.where(_possible(p, beside, own_answer, K, Ti, interval, SEEN_FREE), own_gain, -1.0)
     G *= counts[:, None]
     free = counts.sum(axis=1) - len(H)  # degrees of freedom
     base = np.array([p.gram - (before := H[:, ~c]) @ before.T for c in counts])
@@ -123,26 +132,40 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     column = (to_output[:, None] @ G)[:, 0] - counts * ((solved @ to_output[..., None])[..., 0] @ H)
     begins = -(-np.arange(STRETCHES) * len(y) // STRETCHES)
     sums = np.add.reduceat(column * (error - share[:, None] * column), begins, axis=1)
-    gain = -0.5 * free * np.log(np.maximum(1.0 - share * found / loss, 1e-9))
+    gain = _gain(share * found / loss, free)
     # stretches agree with a share that was fitted to few of them: no less than what single rows leave
     variance = np.maximum(np.sum(sums**2, axis=1), size * loss / np.maximum(free, 1))
     deviation = np.where(answered, np.sqrt(variance) / size, UNKNOWN)
     tied = np.where(answered, 0.5 * free * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
-    possible = full(share) & _possible(p, b, K, Ti, interval)
-    return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1))
+    possible = full(share) & _possible(p, b, to_output, K, Ti, interval, SEEN_TIED)
+    return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1), own_gain)
 
 
-def free_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
+def imitation_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
-    G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
+    return free_answers(p, p.lagged(signals, min(FREE_LAGS, p.lags.count)))[0]
+
+
+def free_answers(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What signals gain, each with an answer of its own: G are their lags (signals, lags, rows), weighted.
+
+    Returns the gains [nats] (signals,), the coefficients of the columns beside them (signals, columns), and those of
+    the lags (signals, lags)."""
     cross, own = _beside(p, G)
-    left = own - np.swapaxes(cross, 1, 2) @ np.linalg.solve(p.gram, cross)
+    solved = np.linalg.solve(p.gram, np.append(cross, np.tile(p.columns @ p.target, (len(G), 1))[..., None], axis=2))
+    left = own - np.swapaxes(cross, 1, 2) @ solved[..., :-1]
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9
-    right = G @ p.error
-    gained = np.sum(right * np.linalg.solve(left, right[..., None])[..., 0], axis=1)
-    return np.asarray(-0.5 * (p.rows - len(p.columns)) * np.log(np.maximum(1.0 - gained / p.loss, 1e-9)))
+    right = (G @ p.error)[..., None]
+    answer = np.asarray(np.linalg.solve(left, right))
+    beside = (solved[..., -1:] - solved[..., :-1] @ answer)[..., 0]
+    return _gain(np.sum(answer * right, axis=(1, 2)) / p.loss, p.rows - len(p.columns)), beside, answer[..., 0]
+
+
+def _gain(share: FloatArray, free: FloatArray | int) -> FloatArray:
+    """Nats by which a prediction with `free` degrees of freedom is better without this share of its loss."""
+    return np.asarray(-0.5 * free * np.log(np.maximum(1.0 - share, 1e-9)))
 
 
 def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -153,19 +176,21 @@ def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
     return cross, G @ np.swapaxes(G, 1, 2)
 
 
-def _possible(p: Predictor, b: FloatArray, K: float | None, Ti: float, interval: float) -> NDArray[np.bool_]:
-    """(gaps,) where PV's answer to the gap, by coefficients b (gaps, columns), is one of a process that this controller
-    could control."""
+def _possible(p: Predictor, b: FloatArray, to_gap: FloatArray, K: float | None, Ti: float, interval: float,
+              seen: tuple[int, int]) -> NDArray[np.bool_]:
+    """(gaps,) where PV's answer to the gap, by coefficients b (gaps, columns) and to_gap (gaps, lags) of its lags, is
+    one of a process that this controller could control. seen: as SEEN_TIED."""
     blocks = max(2, round(Ti / (p.size * interval)))
     to_past = p.lags.spread(b[:, p.past_measurement])
     to_past[:, 0] += b[:, p.last_measurement].sum(axis=1)  # its last moments are PV's past as well
-    moved, back = np.cumsum(p.lags.spread(b[:, p.past_output]), axis=1), to_past.shape[1]
-    answer = np.zeros((len(b), back + 6 * blocks + 1))  # to a step, after as many blocks without any
-    for t in range(1, 6 * blocks + 1):
-        known = np.einsum("gi,gi->g", to_past, answer[:, back + t - 1 : t - 1 : -1]) + moved[:, min(t, back) - 1]
+    moved, back = np.cumsum(p.lags.spread(to_gap), axis=1), to_past.shape[1]
+    held = moved.shape[1]
+    answer = np.zeros((len(b), back + seen[0] * blocks + 1))  # to a step, after as many blocks without any
+    for t in range(1, seen[0] * blocks + 1):
+        known = np.einsum("gi,gi->g", to_past, answer[:, back + t - 1 : t - 1 : -1]) + moved[:, min(t, held) - 1]
         answer[:, back + t] = np.clip(known, -1e6, 1e6)  # an unstable fit runs away, and is no process
     answer = answer[:, back:]
-    late = answer[:, 3 * blocks]
+    late = answer[:, seen[1] * blocks]
     if K is None:
         return np.asarray(np.where(answer.max(axis=1) > -answer.min(axis=1), late, -late) > 0.0)
     top, bottom = (answer * K).max(axis=1), (answer * K).min(axis=1)

@@ -72,8 +72,8 @@ class Lags(Frozen):
         return self.fine + 2 * (2**self.far - 1) + 1
 
     def spread(self, coefficients: FloatArray) -> FloatArray:
-        """Coefficients (.., count) as those of single blocks (.., reach - 1)."""
-        lengths = np.append(np.ones(self.fine, dtype=int), 2 << np.arange(self.far))
+        """Coefficients (.., count), or of the first lags, as those of single blocks (.., reach - 1)."""
+        lengths = np.append(np.ones(self.fine, dtype=int), 2 << np.arange(self.far))[: coefficients.shape[-1]]
         return np.repeat(coefficients / lengths, lengths, axis=-1)
 
 

@@ -16,6 +16,7 @@ from backlash_cli import read
 from backlash_cli.estimator.confirm import Study, confirm, study
 from backlash_cli.estimator.exclusion import LIMITS, signs
 from backlash_cli.results import Confirmation
+from backlash_cli.scanning import COARSEST
 
 from .strangers import write
 
@@ -31,6 +32,8 @@ def table(folder: str | Path) -> pd.DataFrame:
             if true.truth == "stick" or not isinstance(found, Confirmation) or found.details["trace"]:
                 continue
             assert isinstance(asked, Study)
+            if asked.interval > COARSEST * asked.Ti:  # a verdict clears none of them
+                continue
             seen = signs(asked.tests, asked.length, asked.span)[:, :-1]
             rows += [[true.d >= L, *of] for L, of in zip(LIMITS, seen, strict=True)]
     columns = ["there", "gain", "short", "tied", "length", "span over limit", "limit", "deviation"]

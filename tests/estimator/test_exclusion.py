@@ -9,9 +9,9 @@ from backlash_cli.estimator.gap_test import GapTest
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 
 
-def gap(gain, share, deviation, tied) -> GapTest:
-    full = [np.broadcast_to(np.asarray(v, float), WIDTHS.shape) for v in (gain, share, deviation, tied)]
-    return GapTest(WIDTHS, *full, np.zeros(5, bool), np.zeros(5), np.ones(5))
+def gap(free, share, deviation, tied) -> GapTest:
+    free, *full = (np.broadcast_to(np.asarray(v, float), WIDTHS.shape) for v in (free, share, deviation, tied))
+    return GapTest(WIDTHS, np.zeros(5), *full, np.zeros(5, bool), np.zeros(5), np.ones(5), free)
 
 
 def test_the_signs_are_those_that_are_written_down():

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from backlash_cli.estimator.gap_test import GapTest, forgetting_gaps_in, free_gains, gaps_in, gaps_tested, stem_known
+from backlash_cli.estimator.gap_test import (
+    GapTest,
+    forgetting_gaps_in,
+    gaps_in,
+    gaps_tested,
+    imitation_gains,
+    stem_known,
+)
 from backlash_cli.estimator.predictor import (
     Lags,
     Predictor,
@@ -135,7 +142,7 @@ def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
     assert p is not None
     gaps = forgetting_gaps_in(r.output, np.array([2.0, 4.0]), SIZE, 20.0)
     floor = p.loss - float(p.error @ p.error)
-    for j, found in enumerate(free_gains(p, [gaps])):
+    for j, found in enumerate(imitation_gains(p, [gaps])):
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
         b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
         left = float(np.sum((p.target - b @ columns) ** 2)) + floor
@@ -179,6 +186,31 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_th
         assert found.share[j] == pytest.approx(both[-1], rel=1e-3)
 
 
+@pytest.mark.parametrize("K", [0.5, -0.5, None])
+def test_an_answer_of_its_own_is_that_of_a_plain_regression_and_counts_where_a_process_could_give_it(K):
+    """The fitted difference equation is stepped block by block, as a program on a first day would."""
+    r, widths = recording(), np.array([1.0, 3.0, 4.5])
+    p = prediction([r])
+    assert p is not None
+    gaps = gaps_in(r.output, widths, SIZE)
+    found = gaps_tested(p, [gaps], [stem_known(r.output, widths)], widths, K, 20.0, 1.0)
+    Ti, seen = 20 // SIZE, []
+    for j, gain in enumerate(imitation_gains(p, [gaps])):
+        columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
+        b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
+        past = list(b[p.past_measurement][: p.lags.fine])
+        for k, mean in enumerate(b[p.past_measurement][p.lags.fine :]):
+            past += [mean / 2 ** (k + 1)] * 2 ** (k + 1)
+        past[0] += b[p.last_measurement].sum()
+        pv: list[float] = []
+        for t in range(1, 3 * Ti + 1):  # the gap steps by one just before the first block
+            pv.append(sum(c * pv[-i] for i, c in enumerate(past, 1) if i <= len(pv)) + b[-4:][:t].sum())
+        answer = (K or np.sign(pv[Ti - 1])) * np.array(pv)
+        seen.append(bool(answer.max() > -answer.min() and answer[Ti - 1] > 0 and (K is None or answer.max() > 0.02)))
+        assert found.free[j] == pytest.approx(gain if seen[-1] else -1.0)
+    assert seen[1] is (K != -0.5)
+
+
 def test_the_stem_is_known_once_op_has_covered_the_gap_wherever_it_stood():
     u = recording(400).output
     widths = np.array([0.5, 2.0, 3.0, 500.0])
@@ -217,7 +249,7 @@ def test_a_gap_is_answered_in_full_at_its_width_and_imitations_gain_less():
     found = gaps_of(p, [r], widths)
     assert int(found.answer.argmax()) == 2
     assert found.share[2] == pytest.approx(1.0, abs=4.0 * found.deviation[2] + 0.05)
-    assert found.gain[2] > 3.0 * free_gains(p, [forgetting_gaps_in(r.output, widths, SIZE, 20.0)]).max()
+    assert found.gain[2] > 3.0 * imitation_gains(p, [forgetting_gaps_in(r.output, widths, SIZE, 20.0)]).max()
 
 
 def test_without_a_gap_nothing_is_gained():
