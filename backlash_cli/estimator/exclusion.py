@@ -19,7 +19,7 @@ SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range o
 COUNTED = 0.5  # of the rows; wider gaps, which the record hardly knows, show in narrower ones as well
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
-WEIGHTS, CONSTANT = (0.241, 0.006, 0.186, -0.336, 0.988, -0.075, -0.368), -2.633  # of the signs, by regression
+WEIGHTS, CONSTANT = (0.117, -0.457, 0.030, -0.544, 1.122, -0.010, -0.398), -2.184  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 

@@ -103,14 +103,18 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     integral time, sampling interval [s]. The prediction is fitted anew to the rows that count for each gap.
     """
     H, y, at, counts = p.columns, p.target, p.past_output, p.since(known)
-    G = p.lagged(gaps)
-    own_gain, beside, own_answer = free_answers(p, G[:, :FREE_LAGS])
-    own_gain = np.where(_possible(p, beside, own_answer, K, Ti, interval, SEEN_FREE), own_gain, -1.0)
-    G *= counts[:, None]
-    free = counts.sum(axis=1) - len(H)  # degrees of freedom
-    base = np.array([p.gram - (before := H[:, ~c]) @ before.T for c in counts])
-    to_columns = (counts * y) @ H.T
+    G, few = p.lagged(gaps), slice(0, FREE_LAGS)
     cross, own = _beside(p, G)
+    own_gain, own_answer, beside = _free_answers(p, cross[..., few], own[:, few, few], G[:, few] @ p.error)
+    own_gain = np.where(_possible(p, beside, own_answer, K, Ti, interval, SEEN_FREE), own_gain, -1.0)
+    base = np.repeat(p.gram[None], len(G), axis=0)
+    for g in np.flatnonzero(~counts.all(axis=1)):  # without the rows that do not count
+        before, early = H[:, ~counts[g]], G[g][:, ~counts[g]]
+        for products, one, other in ((base, before, before), (cross, before, early), (own, early, early)):
+            products[g] -= one @ other.T
+        G[g] *= counts[g]
+    free = counts.sum(axis=1) - len(H)  # degrees of freedom
+    to_columns = (counts * y) @ H.T
     solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
     error, solved = counts * (y - solved[..., -1] @ H), solved[..., :-1]
     floor = (p.loss - float(p.error @ p.error)) * (counts @ p.weights) / np.sum(p.weights)
@@ -143,24 +147,26 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
 
 def imitation_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
-    return free_answers(p, p.lagged(signals, min(FREE_LAGS, p.lags.count)))[0]
+    G = p.lagged(signals, min(FREE_LAGS, p.lags.count))
+    return _free_answers(p, *_beside(p, G), G @ p.error)[0]
 
 
-def free_answers(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What signals gain, each with an answer of its own: G are their lags (signals, lags, rows), weighted.
+def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: FloatArray
+                  ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What signals gain, each with an answer of its own, from products of their lags with the columns and themselves
+    (`_beside`) and with the error of the prediction, right (signals, lags).
 
-    Returns the gains [nats] (signals,), the coefficients of the columns beside them (signals, columns), and those of
-    the lags (signals, lags)."""
-    cross, own = _beside(p, G)
-    solved = np.linalg.solve(p.gram, np.append(cross, np.tile(p.columns @ p.target, (len(G), 1))[..., None], axis=2))
-    left = own - np.swapaxes(cross, 1, 2) @ solved[..., :-1]
+    Returns the gains [nats] (signals,), the coefficients of the lags (signals, lags), and those of the columns beside
+    them (signals, columns)."""
+    solved = np.linalg.solve(p.gram, cross)
+    left = own - np.swapaxes(cross, 1, 2) @ solved
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9
-    right = (G @ p.error)[..., None]
-    answer = np.asarray(np.linalg.solve(left, right))
-    beside = (solved[..., -1:] - solved[..., :-1] @ answer)[..., 0]
-    return _gain(np.sum(answer * right, axis=(1, 2)) / p.loss, p.rows - len(p.columns)), beside, answer[..., 0]
+    answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
+    beside: FloatArray = np.asarray(np.linalg.solve(p.gram, p.columns @ p.target) - (solved @ answer)[..., 0])
+    gained = np.sum(answer[..., 0] * right, axis=1)
+    return _gain(gained / p.loss, p.rows - len(p.columns)), answer[..., 0], beside
 
 
 def _gain(share: FloatArray, free: FloatArray | int) -> FloatArray:
