@@ -19,8 +19,9 @@ SMALLER, BEYOND = 0.85, 1.2  # widths from this share of L on, up to the range o
 COUNTED = 0.5  # of the rows; wider gaps, which the record hardly knows, show in narrower ones as well
 FULL, SHORT_OF = 0.8, 1.0  # share of a gap that is there, less what the test loses; deviations it is short of
 BEST = 2  # block lengths that count for the gain
-WEIGHTS, CONSTANT = (0.117, -0.457, 0.030, -0.544, 1.122, -0.010, -0.398), -2.184  # of the signs, by regression
+WEIGHTS, CONSTANT = (0.285, -0.217, 0.078, -0.492, 1.042, -0.082, -0.215), -2.067  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
+STRANGE = 60.0  # nats that an imitation gains where the prediction is plainly wrong, as under a load that switches
 
 
 def signs(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> FloatArray:
@@ -55,6 +56,8 @@ def chance_hidden(signs: FloatArray) -> FloatArray:
 
 def excluded(tests: Sequence[tuple[GapTest, float]], length: float, span: float) -> float | None:
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
+    if max(imitated for _, imitated in tests) > STRANGE:
+        return None
     found = signs(tests, length, span)
     hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (found[:, -1] < SHORT_OF)
     if hidden[-1]:

@@ -46,6 +46,12 @@ def test_nothing_is_excluded_where_nothing_is_known():
     assert excluded([(vague, 1.0)] * 4, 300.0, 12.0) is None
 
 
+def test_where_an_imitation_gains_a_lot_nothing_is_excluded():
+    clean = gap(0.1, 0.0, 0.2, -40.0)
+    assert excluded([(clean, 2.0)] * 3 + [(clean, 50.0)], 3000.0, 6.0) is not None
+    assert excluded([(clean, 2.0)] * 3 + [(clean, 70.0)], 3000.0, 6.0) is None
+
+
 def test_a_longer_record_excludes_more():
     signs_of = [signs([(gap(0.5, 0.1, 0.2, -3.0), 1.0)] * 3, length, 12.0) for length in (30.0, 300.0, 3000.0)]
     rows = [found[LIMITS.index(1.5), :-1] for found in signs_of]
