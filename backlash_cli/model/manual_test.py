@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
+from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -62,16 +62,10 @@ class Answer(Frozen):
     integrating: bool = False
 
     def of(self, stems: FloatArray, interval: float) -> FloatArray:
-        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1: as `effects.process.delayed_lag`
-        for many at once."""
-        rest, n = stems[..., :1], stems.shape[-1]
-        x = stems - rest
-        for lag, delay in ((self.lag, self.delay), (self.second, 0.0))[: 1 + (self.second > 0.0)]:
-            whole, a = int(delay / interval), float(np.exp(-interval / lag))
-            e = float(np.exp(-(whole + 1.0 - delay / interval) * interval / lag))
-            late = lfilter([1.0 - e, e - a], [1.0, -a], x)[..., : max(n - whole - 1, 0)]
-            x = np.concatenate([np.zeros((*x.shape[:-1], n - late.shape[-1])), late], axis=-1)
-        x += rest
+        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1."""
+        x = np.apply_along_axis(delayed_lag, -1, stems, interval, self.lag, self.delay)
+        if self.second > 0.0:
+            x = np.apply_along_axis(delayed_lag, -1, x, interval, self.second, 0.0)
         return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
 
 
