@@ -277,13 +277,10 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:
-    """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
-    return np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
-
-
-def _best(likely: FloatArray) -> FloatArray:
-    """Of each dead band (widths,) the most likely of all models and starts (models, widths * starts)."""
-    return np.asarray(likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)), dtype=np.float64)
+    """Evidence (widths,) of each dead band, of all models and starts: what it gains however errors are distributed."""
+    of_both = [likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)) - without.max()
+               for likely, without in ((some.normal, none.normal), (some.student, none.student))]
+    return np.asarray(np.min(of_both, axis=0), dtype=np.float64)
 
 
 def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], answers: Sequence[Answer], longest: float,
