@@ -215,17 +215,15 @@ def plausible(problem: Problem, shape: Shape, values: Sequence[Values] = ()) -> 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best `keep` starts, by the whitened sum of squares, of each kind (switches, column, lengths)."""
-    lags = [shape.lag]
-    if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
-        lags = [shape.lag * share for share in LAG_SHARES]
-    trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
-    costs = [cost for of_lag in trials for cost in solver.costs(of_lag)]
+    alone = any(part.is_linear or jumpy(part.effect) for part in parts)
+    trials = [(part, replace(shape, lag=share * shape.lag).with_part(part))
+              for share in ((1.0,) if alone else LAG_SHARES) for part in parts]
     found: dict[object, list[Shape]] = {}
-    for place in np.argsort(costs, kind="stable").tolist():
-        part = parts[place % len(parts)]
+    for place in np.argsort([solver.rss(trial) for _, trial in trials], kind="stable").tolist():
+        part, trial = trials[place]
         picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
         kind = part.column, picks, tuple((k, np.size(v)) for k, v in part.values.items())
-        found.setdefault(kind, []).append(trials[place // len(parts)][place % len(parts)])
+        found.setdefault(kind, []).append(trial)
     return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 
