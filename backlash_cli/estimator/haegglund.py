@@ -5,7 +5,7 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
 """
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from ..half_periods import ErrorScanner, Segments, double_lag
 from ..record import FloatArray, LoopSettings, Record, quantile
 from ..results import Estimate, Estimates
-
-Numbers = TypeVar("Numbers", float, FloatArray)
 
 SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
 SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
@@ -29,7 +27,7 @@ ENOUGH = 10  # this many half periods within the supervision time are an oscilla
 SUPERVISION = 50.0  # supervision time in integral times
 
 
-def dead_band(dy: Numbers, duration: Numbers, K: float, Ti: float, Kp: float) -> Numbers:
+def dead_band(dy: FloatArray, duration: FloatArray, K: float, Ti: float, Kp: float) -> FloatArray:
     """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of a half period (15) [output span]: how far the integral
     part moved the output (11), less what of that moves the process.
 
