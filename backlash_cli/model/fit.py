@@ -205,9 +205,8 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     numbers stay."""
     c = solver.solve(shape)[0]
     here = predict(solver.problem, shape, c)
-    numbers = get(shape, free)
     D = []
-    for f, number in zip(free, numbers, strict=True):
+    for f, number in zip(free, get(shape, free), strict=True):
         step = f.step if number + f.step <= f.high else -f.step
         D.append((predict(solver.problem, put(shape, [f], np.array([number + step])), c) - here) / step)
     return solver.white.columns(np.column_stack(D))
