@@ -76,7 +76,7 @@ def diagnose(record: Record) -> Diagnosis:
     period = found / size
     setpoint, measurement, output = signals[:, : len(error) // size * size].reshape(3, -1, size).mean(2)
     turn = np.exp(-2j * np.pi * np.arange(len(setpoint)) / period)
-    moved, swung = (float(abs(np.sum(wave.detrended(x, period) * turn))) for x in (setpoint, measurement))
+    moved, swung = (float(abs(np.sum((x - wave.moving_mean(x, period)) * turn))) for x in (setpoint, measurement))
     swing = moved / swung if swung > 0.0 and np.ptp(setpoint) > 0.0 else 0.0  # of the setpoint at the period, over PV's
     if swing > FOLLOWS:
         return Diagnosis("setpoint", found * record.interval, {"setpoint": swing}, said("setpoint"))

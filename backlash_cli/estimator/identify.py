@@ -251,8 +251,7 @@ def with_constant_setpoint(record: Record) -> Record:
 def at_mean(record: Record) -> Record | None:
     """Return the record with the mean of PV as its setpoint, None with too few usable samples."""
     use = record.usable & np.isfinite(record.measurement)
-    if record.output is not None:
-        use &= np.isfinite(record.output)
+    use &= record.output is None or np.isfinite(record.output)
     if np.count_nonzero(use) < LEAST_ROWS:
         return None
     return replace(record, setpoint=np.full(len(record), float(record.measurement[use].mean())))

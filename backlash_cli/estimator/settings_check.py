@@ -158,8 +158,7 @@ def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> l
     """Single mistakes first, then one of K together with one of Ti."""
     pv_span, op_span = (abs(high - low) for low, high in (settings.pv_range, settings.op_range))
     of_gain = [MixUp("settings_proportional_band", K * K / 100.0, 1.0,
-                     f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})")]
-    of_gain += [
+                     f"K = {K:g} looks like a proportional band of {K:g} % (gain {100 / K:.3g})"), *(
         MixUp("settings_engineering_gain", factor, 1.0,
               f"K = {K:g} looks like a gain in {unit} (per span {K / factor:.3g})", True)
         for factor, unit in (
@@ -167,7 +166,7 @@ def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> l
             (pv_span / op_span, "measurement units per output unit"),
             (op_span, "output units per span of the measurement"),
             (1.0 / pv_span, "output span per measurement unit"),
-        ) if abs(log(factor)) > AGREES]
+        ) if abs(log(factor)) > AGREES)]
     of_reset = [MixUp(code, 1.0, factor, f"Ti = {Ti:g} {words}") for code, factor, words in (
         ("settings_ti_minutes", 1.0 / 60.0, "s looks 60 times too small: given in minutes?"),
         ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),

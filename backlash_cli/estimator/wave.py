@@ -42,11 +42,6 @@ def moving_mean(values: FloatArray, width: float) -> FloatArray:
     return np.asarray(uniform_filter1d(values, max(round(width), 1)))
 
 
-def detrended(values: FloatArray, period: float) -> FloatArray:
-    """Values less their mean over one period around each, so that only the oscillation and faster parts stay."""
-    return values - moving_mean(values, period)
-
-
 def find_period(values: FloatArray) -> tuple[float, float]:
     """Return the period [samples] and the height of the autocorrelation there; (0, 0) where nothing repeats.
 
@@ -82,7 +77,6 @@ class MeanCycle(Frozen):
     """What the mean cycle of PV is made of, and what explains it.
 
     misfit: mean squared error of the harmonics of PV without a gap, in units of their scatter (1: explained).
-
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
     process that fits then. harmonics: all above the first, over the first.
     integral_phase: lag of OP behind proportional action [degrees]; 90 is integral action alone.
@@ -116,7 +110,8 @@ def mean_cycle(measurement: FloatArray, output: FloatArray, period: float, actio
     PV by 90 to 180 degrees for a positive K and lags it by up to 90 degrees for a negative one."""
     from ..kernels import play
 
-    pv, op = detrended(measurement, period), detrended(output, period)
+    # less the mean over one period around each sample only the oscillation and faster parts stay
+    pv, op = (values - moving_mean(values, period) for values in (measurement, output))
     smooth = moving_mean(pv, period / 16.0)
     at = np.flatnonzero((smooth[1:] >= 0.0) & (smooth[:-1] < 0.0))
     marks = at + smooth[at] / (smooth[at] - smooth[at + 1])  # where it comes from below zero

@@ -13,19 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored
-from .names import (
-    COLUMNS,
-    SIGNALS,
-    Tag,
-    explained,
-    is_quality_name,
-    is_time_name,
-    is_whole,
-    plain,
-    signal_role,
-    split_tag,
-    undated,
-)
+from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag, undated
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -65,11 +53,11 @@ class Head(Frozen):
 
     @cached_property
     def times(self) -> list[int]:
-        """Columns that hold stamps, numeric ones only when their header says so."""
-        called = [is_time_name(name) or tag.role == "time" for name, tag in zip(self.names, self.tags, strict=True)]
+        """Columns that hold stamps, numeric ones only when their header says so; of intervals, where they begin."""
+        called = [i for i, name in enumerate(self.names) if is_column(name, "time")]
         found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
-            self.columns[i].type) and (self.is_time(i) or (called[i] and i in self.numbers))] or [
-                i for i, name in enumerate(self.names) if is_time_name(name)][:1] or [  # of intervals, where they begin
+            self.columns[i].type) and (self.is_time(i) or (
+                (i in called or self.tags[i].role == "time") and i in self.numbers))] or called[:1] or [
                     i for i, word in enumerate(self.plain) if word in BOUNDS and self.is_time(i)][:1]
         if not found:  # a column that goes on, or back, may count since 1970; one that stands first may count anything
             begun = {i: stored(self.columns[i].slice(0, 200), {})[0] for i in self.numbers if not self.tags[i].role}
@@ -169,7 +157,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
     rest = [i for i in values if i not in named]
-    quality = head.qualities([i for i in rest if is_quality_name(head.plain[i])]) or tuple(
+    quality = head.qualities([i for i in rest if is_column(head.names[i], "quality")]) or tuple(
         [i for i in rest if len(values) > 1 and head.marks(i)][:1])
     rest = [i for i in rest if i not in quality]
     numbers = [i for i in rest if i not in head.texts and not head.counts(i)]
@@ -209,7 +197,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if dates and of_day[len(halves) :]:
         return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
-    best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_time_name(head.names[i])))
+    best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_column(head.names[i], "time")))
     return (best, *halves), {*columns, *halves}
 
 
@@ -222,11 +210,10 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
 
     whole = mostly(is_whole)
     roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
-             if not is_quality_name(head.plain[i])]
+             if not is_column(head.names[i], "quality")]
     named = [i for i in texts if head.plain[i] in TAG]
     if roles:
-        rest = [i for i in texts if i not in roles and heads[i] and head.plain[i] not in IGNORED
-                and not is_quality_name(head.plain[i])]
+        rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
         groups = [i for i in rest if head.plain[i] in GROUPS] or [i for i in rest if i in named] or rest
         if groups:
             return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
@@ -255,7 +242,7 @@ def _pairs(head: Head) -> Layout:
     for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
         block = [i for i in range(column - lead, end - lead) if i != column and (
             head.names[i] or not pa.types.is_null(head.columns[i].type))]
-        marks = [i for i in block if is_quality_name(head.plain[i]) or head.tags[i].role == "quality"]
+        marks = [i for i in block if is_column(head.names[i], "quality") or head.tags[i].role == "quality"]
         first, *others = [i for i in block if i not in marks] or [-1]
         others = [i for i in others if head.tags[i].loop and head.tags[i].role in SIGNALS]
         if first >= 0:
@@ -286,7 +273,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
             (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
         if owner < 0 and before in values and before not in alike and (
                 not tag.of or head.tags[before].loop == tag.loop) and (
-                tag.role == "quality" or is_quality_name(head.plain[i])
+                tag.role == "quality" or is_column(head.names[i], "quality")
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
             owner = before
         if owner >= 0:

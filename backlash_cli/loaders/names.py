@@ -63,16 +63,13 @@ def signal_role(text: str) -> str:
     return _LOOKUP.get(plain(text), "")
 
 
-def is_time_name(text: str) -> bool:
-    """Say whether a header names a column of time stamps."""
+def is_column(text: str, *kinds: str) -> bool:
+    """Say whether a header names a column of one of some kinds; time stamps and qualities by a part of it as well."""
     word = plain(text)
-    return word in COLUMNS["time"] or re.sub(r"(?:[mun]?s|msec)$", "", word) in COLUMNS["time"] or (
-        word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24)
-
-
-def is_quality_name(word: str) -> bool:
-    """Say whether a plain word names a column that says which samples are good."""
-    return word in COLUMNS["quality"] or (("valid" in word or "qualit" in word or "gültig" in word) and len(word) < 24)
+    return any(word in COLUMNS[kind] for kind in kinds) or ("time" in kinds and (
+        re.sub(r"(?:[mun]?s|msec)$", "", word) in COLUMNS["time"]
+        or (word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24))) or (
+        "quality" in kinds and len(word) < 24 and any(part in word for part in ("valid", "qualit", "gültig")))
 
 
 def _labelled(name: str) -> str:
@@ -95,8 +92,7 @@ def split_tag(text: str) -> Tag:
     name = _SERVER.sub("", text.strip())
     name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
-    known = any(plain(piece) in COLUMNS["time"] | COLUMNS["statistic"] or is_quality_name(plain(piece))
-                for piece in pieces)
+    known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
         whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
             p == pieces[0] or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
@@ -106,7 +102,7 @@ def split_tag(text: str) -> Tag:
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
         before, role = bracket[1], signal_role(bracket[2])
         name = (f"{before}.{bracket[2]}" if (role and role != split_tag(before).role) or (
-            plain(bracket[2]) in COLUMNS["statistic"]) else before or bracket[2])
+            is_column(bracket[2], "statistic")) else before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         glued = None if signal_role(name) else _JOINED.match(name)
@@ -114,11 +110,11 @@ def split_tag(text: str) -> Tag:
     last, cut = plain(parts[-1][1]), parts[-1].start()
     if plain(name[parts[-2].start() :]) in COLUMNS["quality"]:  # FIC101.PV_is_good
         last, cut = "quality", parts[-2].start()
-    marks = is_quality_name(last)
+    marks = is_column(last, "quality")
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
     rest = name[parts[0].end() :].strip(" .-_/:|")
-    if len(name) <= NESTED_LIMIT and is_quality_name(plain(parts[0][1])) and is_whole(rest):
+    if len(name) <= NESTED_LIMIT and is_column(parts[0][1], "quality") and is_whole(rest):
         return Tag(split_tag(rest).loop, "quality", parts[0][1], of=rest)  # Quality FIC101.PV
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
@@ -130,6 +126,6 @@ def split_tag(text: str) -> Tag:
             if role := signal_role(name[cut:end]):
                 return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
     first = signal_role(parts[0][1])
-    if first and len(parts[0][1]) > 1 and not is_time_name(parts[-1][1]):  # PV_FIC101
+    if first and len(parts[0][1]) > 1 and not is_column(parts[-1][1], "time"):  # PV_FIC101
         return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])
     return Tag(name[: parts[-1].start()], "", parts[-1][1])

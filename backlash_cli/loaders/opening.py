@@ -25,20 +25,7 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import (
-    COLUMNS,
-    SIGNALS,
-    WORDS,
-    explained,
-    is_quality_name,
-    is_time_name,
-    is_whole,
-    noted,
-    plain,
-    signal_role,
-    split_tag,
-    undated,
-)
+from .names import SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag, undated
 from .options import ReadOptions
 from .sources import is_export, stem_of
 from .times import DOTTED, stamp_kind
@@ -233,7 +220,8 @@ def code_page(head: bytes) -> str:
     European one where none does."""
     def known(page: str) -> int:
         cells = {*re.split(r'[,;\t|"\r\n]+', head[:SAMPLE].decode(page, "ignore"))}
-        return sum(not c.isascii() and bool(is_time_name(c) or split_tag(c).role or kind(c) == "time") for c in cells)
+        return sum(bool(is_column(c, "time") or split_tag(c).role or kind(c) == "time")
+                   for c in cells if not c.isascii())
 
     return max(CODE_PAGES, key=known)
 
@@ -312,7 +300,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
             before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
     names = header_of(before, kinds, options, where)
-    kinds = tuple("clock" if kinds.count("time") > 1 and plain(name) in COLUMNS["clock"] and all(
+    kinds = tuple("clock" if kinds.count("time") > 1 and is_column(name, "clock") and all(
         DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
     every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [
@@ -324,7 +312,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         text.notes.append(noted("decimal_comma", number=numbers[0]))
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
-    titled = bool(title) and any(plain(name) in COLUMNS["value"] for name in names)  # "Tag: FIC101.PV" above "Value"
+    titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
     return Head(where, title if titled else stem, names, (), kinds, partition,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
@@ -391,7 +379,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
-    rows = [cells[:width] if plain(cells[-1]) in COLUMNS["ignored"] else cells for cells in rows]  # a remark: no cells
+    rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
     rows = [cells for cells in rows if _spans(cells, width)]
     notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
@@ -408,8 +396,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
     whole = any(map(is_whole, names))
-    words = [plain(name) for name in names if name and not (whole and (  # a quality, a time stand beside each tag
-        is_time_name(name) or is_quality_name(plain(name)) or plain(name) in COLUMNS["ignored"] | COLUMNS["value"]))]
+    words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
+        whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
             joined = _joined(names, other, kinds)
@@ -432,7 +420,7 @@ def score_names(cells: list[str]) -> float:
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
             points += (1.4 if " " in split_tag(cell).loop else 1.5) if split_tag(cell).loop else 1.0  # Feed flow SP
-        elif is_time_name(cell) or any(plain(cell) in COLUMNS[kind] for kind in ("tag", "value", "loop")):
+        elif is_column(cell, "time", "tag", "value", "loop"):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):
             points -= 1.0
@@ -449,9 +437,8 @@ def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[st
     for cell, word, kind in zip(high, low, kinds, strict=True):
         upper = cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
-        part = bool(word) and plain(word) not in COLUMNS["value"] and (  # below a whole tag a unit may stand
-            not (tag.loop and tag.role) or is_time_name(word) or is_quality_name(plain(word))
-            or plain(word) in COLUMNS["statistic"])
+        part = bool(word) and not is_column(word, "value") and (  # below a whole tag a unit may stand
+            not (tag.loop and tag.role) or is_column(word, "time", "quality", "statistic"))
         result.append(word if word in enough else f"{upper}.{word}" if upper and part else upper or word)
     return result
 

@@ -83,13 +83,6 @@ class Judge(Frozen):
         return min(fits, key=self.score)
 
 
-def missed(solver: Solver, shape: Shape) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis of a shape's whitened columns (samples, columns) and the whitened rest (samples,)."""
-    Q, _ = np.linalg.qr(solver.columns(shape))
-    rest = solver.rest(shape)[2]
-    return Q, rest - Q @ (Q.T @ rest)
-
-
 def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ...]]:
     """Return sets of 1..count times at which a step load explains most of what the model misses."""
     problem, white, h, lag = solver.problem, solver.white, solver.problem.interval, shape.lag
@@ -103,7 +96,9 @@ def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ..
         """Return <whitened step at k, z> for every k, (samples,)."""
         return np.cumsum(lag_transposed(white.transposed(z), h, lag)[::-1])[::-1]
 
-    Q, rest = missed(solver, shape)
+    Q, _ = np.linalg.qr(solver.columns(shape))
+    rest = solver.rest(shape)[2]
+    rest = rest - Q @ (Q.T @ rest)
     own = np.cumsum(step(1) ** 2)[::-1]
     left = own - sum(from_there_on(q) ** 2 for q in np.ascontiguousarray(Q.T))
     meets = from_there_on(rest)
@@ -133,7 +128,7 @@ def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ..
 
 def periods(solver: Solver, shape: Shape, count: int) -> list[float]:
     """Return the periods of the `count` strongest lines in what the model misses; three swings at least."""
-    _, rest = missed(solver, shape)
+    rest = solver.rest(shape)[2]
     size = 4 * len(rest)
     power = np.abs(np.fft.rfft(rest, size)) ** 2
     power[: 3 * 4] = power[-size // 8 :] = 0.0
@@ -220,17 +215,15 @@ def plausible(problem: Problem, shape: Shape, values: Sequence[Values] = ()) -> 
 
 def scan(solver: Solver, shape: Shape, parts: list[Part], keep: int) -> list[Shape]:
     """Return the best `keep` starts, by the whitened sum of squares, of each kind (switches, column, lengths)."""
-    lags = [shape.lag]
-    if parts and not parts[0].is_linear and not jumpy(parts[0].effect):
-        lags = [shape.lag * share for share in LAG_SHARES]
-    trials = [[replace(shape, lag=lag).with_part(part) for part in parts] for lag in lags]
-    costs = [cost for of_lag in trials for cost in solver.costs(of_lag)]
+    alone = any(part.is_linear or jumpy(part.effect) for part in parts)
+    trials = [(part, replace(shape, lag=share * shape.lag).with_part(part))
+              for share in ((1.0,) if alone else LAG_SHARES) for part in parts]
     found: dict[object, list[Shape]] = {}
-    for place in np.argsort(costs, kind="stable").tolist():
-        part = parts[place % len(parts)]
+    for place in np.argsort([solver.rss(trial) for _, trial in trials], kind="stable").tolist():
+        part, trial = trials[place]
         picks = tuple((q.name, part.values.get(q.name)) for q in part.effect.parameters if q.choices)
         kind = part.column, picks, tuple((k, np.size(v)) for k, v in part.values.items())
-        found.setdefault(kind, []).append(trials[place // len(parts)][place % len(parts)])
+        found.setdefault(kind, []).append(trial)
     return [shape for shapes in found.values() for shape in shapes[:keep]]
 
 

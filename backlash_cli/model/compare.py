@@ -74,7 +74,8 @@ def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[
         return None
     errors = []
     for left_out in folds(problem, problem.settings.Ti or model.tau):
-        predicted = with_load(problem, matched(problem.masked(~left_out), model, shape)[1], None)
+        shown = replace(problem, used=problem.used & ~left_out)
+        predicted = with_load(problem, matched(shown, model, shape)[1], None)
         errors.append(distance(problem, recorders, predicted)[left_out & problem.used & ~known])
     unseen = np.concatenate(errors)
     return rms(unseen) if unseen.size else None

@@ -10,11 +10,10 @@ from ..effects.registry import all_effects, load_effect
 from ..errors import UsageError
 from ..record import Record
 from ..results import Candidate, Explanation, Fitness, Model, Rest, Step
-from . import holdout
 from .candidates import ENOUGH, Judge, candidate, recorders
 from .compare import notes, series_of, unexplained
 from .fit import Fit, fit, predicted_by
-from .holdout import Tested, better, tested
+from .holdout import Tested, better, distance, fitted_problem, only_reports, recorded_floor, tested, through_rounding
 from .intervals import fitted_effects, process_parameters
 from .locate import regions
 from .pipeline import Part
@@ -65,8 +64,8 @@ def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], c
     base = baseline(problem)
     given, held = (None, ()) if model is None else shape_of(model, problem)
     held = held or tuple(recorders(problem, base, [e for e in known.values() if not chosen or e in chosen]))
-    problem = replace(problem, floor=holdout.recorded_floor(problem, held, base))
-    seen = holdout.fitted_problem(problem, held)
+    problem = replace(problem, floor=recorded_floor(problem, held, base))
+    seen = fitted_problem(problem, held)
     if held:
         base = baseline(seen)
     start = base if given is None else fit(seen, replace(given, delay=base.shape.delay), base.noise)
@@ -76,9 +75,9 @@ def looked(problem: Problem, model: Model | None, known: Mapping[str, Effect], c
         if effect.fitting.bounds is None and effect.name not in start.shape.names:
             start = candidate(judge, start, effect, must=True) or start
             by_user.append(effect.name)
-    tries = [e for e in known.values() if not (e.fitting.seldom and holdout.only_reports(problem, held))]
+    tries = [e for e in known.values() if not (e.fitting.seldom and only_reports(problem, held))]
     found = search(seen, () if chosen else tries, start)
-    found = replace(found, final=holdout.through_rounding(seen, held, found.final))
+    found = replace(found, final=through_rounding(seen, held, found.final))
     return problem, base, found, held, by_user
 
 
@@ -98,11 +97,11 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     fitted = {e.effect: e for e in fitted_effects(seen, last.fit, held)}
     names = [*(p.effect.name for p in held), *order]
     alikes = (*((p.effect.name, other) for p in held for other in p.effect.fitting.siblings), *found.alike())
-    sure = confidence(found, held, by_user, alikes, holdout.only_reports(problem, held))
+    sure = confidence(found, held, by_user, alikes, only_reports(problem, held))
     siblings = {part.effect.name: part.effect.fitting.siblings for part in found.final.shape.parts}
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
-    before = holdout.distance(problem, (), predicted_by(problem, plain.fit))
-    error = holdout.distance(problem, held, predicted_by(problem, last.fit))
+    before = distance(problem, (), predicted_by(problem, plain.fit))
+    error = distance(problem, held, predicted_by(problem, last.fit))
     return Explanation(
         loop=record.loop,
         baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),

@@ -30,7 +30,7 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
     """Return the searched numbers of a shape; lists stay as proposed, and a parameter at infinity takes no part."""
     h = problem.interval
     out = [Free(-1, "lag", 0.2 * h, 0.5 * problem.duration, 0.01 * shape.lag)]
-    if problem.delay is not None and not further_delay(shape):
+    if problem.delay is not None and DEAD_TIME.name not in shape.names:
         out.append(Free(-1, "delay", (1 - DELAY_TRUST) * problem.delay, (1 + DELAY_TRUST) * problem.delay, 0.2 * h))
     for place, part in enumerate(shape.parts):
         fitting = part.effect.fitting
@@ -51,11 +51,6 @@ def free_numbers(problem: Problem, shape: Shape) -> list[Free]:
     return out
 
 
-def further_delay(shape: Shape) -> bool:
-    """True where the model has a dead time beside that of the settings, which then stands: only their sum shows."""
-    return any(part.effect is DEAD_TIME for part in shape.parts)
-
-
 def get(shape: Shape, free: list[Free]) -> FloatArray:
     """Return the searched numbers of a shape, (numbers,)."""
     return np.array([getattr(shape, f.name) if f.place < 0 else shape.parts[f.place].values[f.name] for f in free],
@@ -71,7 +66,6 @@ def put(shape: Shape, free: list[Free], numbers: FloatArray) -> Shape:
 
 
 CLOSE = 0.05  # gain in deviance below which the searched numbers stand
-AT_ONCE = 16  # starts whitened together: each then costs a fifth
 BENT_ROUNDS, COLD_ROUNDS, BENT_ENOUGH = 3, 25, 1e-4  # steps to the linear numbers behind a bent transmitter
 
 
@@ -154,7 +148,11 @@ class Solver:
 
     def inverse(self, B: FloatArray) -> FloatArray:
         """Return (columns, numbers) that the inner products of the shape solved last turn into B."""
-        return solved(self._G, B)
+        scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
+        A = self._G * scale * scale.T
+        # a trace of damping, so that a column that does nothing gets the coefficient 0
+        A.flat[:: len(A) + 1] += 1e-10
+        return np.asarray(np.linalg.solve(A, scale * B) * scale)
 
     def columns(self, shape: Shape) -> FloatArray:
         """Return the whitened columns of a shape, the moved process first, (samples, columns)."""
@@ -165,36 +163,10 @@ class Solver:
         with np.errstate(over="ignore", invalid="ignore"):
             return self.solve(shape)[1]
 
-    def costs(self, shapes: list[Shape]) -> list[float]:
-        """Return the whitened sum of squares of each shape, many at once where only the moved process differs."""
-        columns = [load_regressors(self.problem, shape) for shape in shapes]
-        if any(raw is not columns[0] or shape.sensors for raw, shape in zip(columns, shapes, strict=True)):
-            return [self.rss(shape) for shape in shapes]
-        out: list[float] = []
-        for first in range(0, len(shapes), AT_ONCE):
-            self.rss(shapes[first])
-            b, moved = self._b[1:], [moved_process(self.problem, shape) for shape in shapes[first : first + AT_ONCE]]
-            with np.errstate(all="ignore"):
-                X = self.white.columns(np.column_stack(moved))
-                B = self._others.T @ X
-                c = solved(self._G[1:, 1:], np.column_stack([b, B]))
-                new, meets = np.einsum("ij,ij->j", X, X) - np.sum(B * c[:, 1:], axis=0), self._y @ X - b @ c[:, 1:]
-                out += (self._yy - b @ c[:, 0] - meets**2 / np.maximum(new, 1e-300)).tolist()
-        return out
-
     def rest(self, shape: Shape) -> tuple[FloatArray, float, FloatArray]:
         """Return coefficients, whitened sum of squares and the whitened rest (samples,) of a shape."""
         c, rss, x = self.solve(shape)
         return c, rss, self._y - c[0] * x - self._others @ c[1:]
-
-
-def solved(G: FloatArray, B: FloatArray) -> FloatArray:
-    """Return (columns, numbers) that the inner products G (columns, columns) turn into B."""
-    scale = 1.0 / np.sqrt(np.maximum(G.diagonal(), 1e-300))[:, None]
-    A = G * scale * scale.T
-    # a trace of damping, so that a column that does nothing gets the coefficient 0
-    A.flat[:: len(A) + 1] += 1e-10
-    return np.asarray(np.linalg.solve(A, scale * B) * scale)
 
 
 def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
@@ -207,7 +179,7 @@ def ridges(problem: Problem, columns: FloatArray) -> FloatArray:
 
 def descend(solver: Solver, shape: Shape, *, rounds: int = 8) -> Shape:
     """Refine the searched numbers until the deviance gains next to nothing."""
-    if further_delay(shape):
+    if DEAD_TIME.name in shape.names:  # that of the settings stands beside it: only their sum shows
         shape = replace(shape, delay=solver.problem.delay or 0.0)
     free = free_numbers(solver.problem, shape)
     low, high = np.array([(f.low, f.high) for f in free]).T
@@ -233,9 +205,8 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
     numbers stay."""
     c = solver.solve(shape)[0]
     here = predict(solver.problem, shape, c)
-    numbers = get(shape, free)
     D = []
-    for f, number in zip(free, numbers, strict=True):
+    for f, number in zip(free, get(shape, free), strict=True):
         step = f.step if number + f.step <= f.high else -f.step
         D.append((predict(solver.problem, put(shape, [f], np.array([number + step])), c) - here) / step)
     return solver.white.columns(np.column_stack(D))

@@ -60,7 +60,7 @@ def tested(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = (), *, r
     seen = fitted_problem(problem, recorders)
     unseen = np.full(problem.samples, np.nan)
     for left_out in folds(problem, problem.settings.Ti or fitted.shape.lag):
-        solver = Solver(seen.masked(~left_out), fitted.noise)
+        solver = Solver(replace(seen, used=seen.used & ~left_out), fitted.noise)
         shape = descend(solver, fitted.shape, rounds=rounds)
         there = replace(fitted, shape=shape, coefficients=solver.solve(shape)[0])
         new = left_out & problem.used
@@ -98,7 +98,7 @@ def fitted_problem(problem: Problem, parts: Sequence[Part]) -> Problem:
     """Return the problem as a fit should see it: where the recorder repeats old values, only what it just kept."""
     wide = limits(problem, parts)[2]
     exact = problem.used & ~wide
-    return problem.masked(exact) if np.any(wide) and np.count_nonzero(exact) >= FEWEST_SAMPLES else problem
+    return replace(problem, used=exact) if np.any(wide) and np.count_nonzero(exact) >= FEWEST_SAMPLES else problem
 
 
 def only_reports(problem: Problem, parts: Sequence[Part]) -> bool:

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
+from ..effects.process import delayed_lag
 from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -62,17 +62,14 @@ class Answer(Frozen):
     integrating: bool = False
 
     def of(self, stems: FloatArray, interval: float) -> FloatArray:
-        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1: as `effects.process.delayed_lag`
-        for many at once."""
-        rest, n = stems[..., :1], stems.shape[-1]
-        x = stems - rest
-        for lag, delay in ((self.lag, self.delay), (self.second, 0.0))[: 1 + (self.second > 0.0)]:
-            whole, a = int(delay / interval), float(np.exp(-interval / lag))
-            e = float(np.exp(-(whole + 1.0 - delay / interval) * interval / lag))
-            late = lfilter([1.0 - e, e - a], [1.0, -a], x)[..., : max(n - whole - 1, 0)]
-            x = np.concatenate([np.zeros((*x.shape[:-1], n - late.shape[-1])), late], axis=-1)
-        x += rest
+        """Answers (.., blocks) to stems (.., blocks) that are at rest before, gain 1."""
+        x = np.apply_along_axis(delayed_lag, -1, stems, interval, self.lag, self.delay)
+        if self.second > 0.0:
+            x = np.apply_along_axis(delayed_lag, -1, x, interval, self.second, 0.0)
         return (np.cumsum(x, axis=-1) - x) * interval / self.lag if self.integrating else x
+
+
+Model = tuple[Noise, Answer]
 
 
 class _Blocks(Frozen):
@@ -198,15 +195,14 @@ def _blocks(recordings: Sequence[Recording], interval: float) -> _Blocks | None:
     return _Blocks(tuple(r.output - mean for r in recordings), tuple(level), used, size, size * interval, span)
 
 
-def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K: float | None
-             ) -> tuple[Noise, Answer]:
+def _refined(data: _Blocks, d: float, models: Sequence[Model], K: float | None) -> Model:
     """The most likely model for a dead band, searched from the best one of some."""
     fits = _fitted(data, [d], models, K, rounds=0)
     k, start = np.unravel_index(fits.normal.argmax(), fits.normal.shape)
     stems, (noise, answer) = [data.stems(d, STARTS[start] if d else 0.0)], models[int(k)]
     unit = max(answer.lag, data.interval)
 
-    def model(p: FloatArray) -> tuple[Noise, Answer]:
+    def model(p: FloatArray) -> Model:
         lag, second, delay, ratio, fast = (float(x) for x in (np.exp(p[0]) * answer.lag, p[1], p[2], *np.exp(p[3:])))
         return (replace(noise, ratio=noise.ratio * ratio, fast=noise.fast * fast),
                 Answer(lag, second * lag * (not answer.integrating), delay * unit, answer.integrating))
@@ -224,7 +220,7 @@ def _refined(data: _Blocks, d: float, models: Sequence[tuple[Noise, Answer]], K:
 
 
 def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: Sequence[Noise],
-                 answers: Sequence[Answer]) -> list[list[tuple[Noise, Answer]]]:
+                 answers: Sequence[Answer]) -> list[list[Model]]:
     """For each of the stems the KEPT models that make PV most likely, the best first."""
     columns = data.columns(stems, answers)
     whitened = (data.whitened(noise, columns) for noise in noises)
@@ -233,7 +229,7 @@ def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: S
     return [[(noises[k // len(answers)], answers[k % len(answers)]) for k in row] for row in best.tolist()]
 
 
-def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[tuple[Noise, Answer]],
+def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[Model],
             K: float | None, rounds: int = ROUNDS) -> _Fits:
     """All models with every dead band and start: fields (models, widths * starts, ..). With K, answers of the wrong
     sign count for nothing."""
@@ -283,16 +279,13 @@ def _likelihoods(X: FloatArray, y: FloatArray, weights: FloatArray, rounds: int 
 
 
 def _gains(none: _Fits, some: _Fits) -> FloatArray:
-    """Evidence (widths,) of each dead band: what it gains whichever way errors are distributed."""
-    return np.minimum(_best(some.normal) - none.normal.max(), _best(some.student) - none.student.max())
+    """Evidence (widths,) of each dead band, of all models and starts: what it gains however errors are distributed."""
+    of_both = [likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)) - without.max()
+               for likely, without in ((some.normal, none.normal), (some.student, none.student))]
+    return np.asarray(np.min(of_both, axis=0), dtype=np.float64)
 
 
-def _best(likely: FloatArray) -> FloatArray:
-    """Of each dead band (widths,) the most likely of all models and starts (models, widths * starts)."""
-    return np.asarray(likely.reshape(len(likely), -1, len(STARTS)).max(axis=(0, 2)), dtype=np.float64)
-
-
-def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], answers: Sequence[Answer], longest: float,
+def _silent(data: _Blocks, models: Sequence[Model], answers: Sequence[Answer], longest: float,
             K: float | None, Ti: float | None) -> Note | None:
     """Say so where PV does not answer at all, although the process that this controller controls would have."""
     if not K or not Ti or longest < LONG_ENOUGH * Ti:
@@ -311,8 +304,8 @@ def _silent(data: _Blocks, models: Sequence[tuple[Noise, Answer]], answers: Sequ
     return noted("manual_no_answer", {"at_least": data.span / 100.0})
 
 
-def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
-                  gains: FloatArray, K: float | None, tests: int) -> Confirmation:
+def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArray, gains: FloatArray,
+                  K: float | None, tests: int) -> Confirmation:
     d, at = peak_of(widths, gains), int(gains.argmax())
     best = _fitted(data, [widths[at]], models, K)
     model, start = (int(i) for i in np.unravel_index(best.student.argmax(), best.student.shape))
@@ -336,8 +329,7 @@ def _confirmation(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _
                         widths, gains)
 
 
-def _limit(data: _Blocks, models: Sequence[tuple[Noise, Answer]], none: _Fits, widths: FloatArray,
-           gains: FloatArray) -> float | None:
+def _limit(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArray, gains: FloatArray) -> float | None:
     """Smallest dead band [% of span] from which on each would have left a trace, and left none; None if there is none.
 
     What the best model without a dead band says of PV is said of a valve with one; what of it no answer without one

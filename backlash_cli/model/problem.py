@@ -81,10 +81,6 @@ class Problem(Frozen, eq=False):
         """True where OP answers to the load: PV is then predicted a short time ahead, not from OP alone."""
         return self.driven < MOSTLY
 
-    def masked(self, keep: NDArray[np.bool_]) -> Problem:
-        """Return the problem with only the samples `keep` (samples,) counting."""
-        return replace(self, used=self.used & keep)
-
 
 def problem_from_record(record: Record, seed: int = 0) -> Problem:
     """Lay a record on its grid. Raises LoopError where OP is absent, OP or PV constant, or too few samples count."""
@@ -96,13 +92,12 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     index = record.index - record.index[0]
     samples = int(index[-1]) + 1
 
-    def on_grid(values: FloatArray) -> FloatArray:
+    def on_grid(values: NDArray[Any]) -> FloatArray:
         out = np.full(samples, np.nan)
         out[index] = values
         return out
 
-    state = np.full(samples, SampleState.MISSING, dtype=np.uint8)
-    state[index] = record.state
+    state = on_grid(record.state)
     measurement, output, setpoint = map(on_grid, (record.measurement, record.output, record.setpoint))
     # PV is predicted from OP whoever moves OP: manual periods and OP at a limit tell as much as automatic ones
     whole = np.isin(state, (SampleState.GOOD, SampleState.MANUAL, SampleState.SATURATED))
