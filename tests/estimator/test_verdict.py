@@ -140,9 +140,12 @@ def test_half_periods_alone_never_do_more_than_suspect():
 
 
 def test_a_size_that_is_not_known_is_suspected_at_most():
-    decision = decide(findings(confirmation=replace(FOUND, ci95=(0.005, 0.06))))
+    """As wide as twice the size: it might be none."""
+    decision = decide(findings(confirmation=replace(FOUND, ci95=(0.0, 2.1 * FOUND.d))))
     assert decision.verdict is Verdict.SUSPECTED
     assert "size_unknown" in codes(decision.reasons)
+    known = decide(findings(confirmation=replace(FOUND, ci95=(0.1 * FOUND.d, 1.9 * FOUND.d))))
+    assert known.verdict is Verdict.BACKLASH
 
 
 def test_an_oscillation_gets_no_size_that_is_not_called():
