@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, IntArray, Record, SampleState
 
 MOST = 1 << 22  # samples that are kept
-ROWS = 1024  # of a stretch, a power of two
+ROWS = 1024  # of a stretch
 SLOTS = 16  # stretches of a picture at most
 LEVELS = 5
 SLOWER = 4  # rows of one picture in a row of the next
@@ -117,7 +117,7 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 
 def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
     """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
-    stretch, stride = index >> ROWS.bit_length() - 1, 1  # over ROWS, in half the time
+    stretch, stride = index // ROWS, 1
     starts = np.flatnonzero(np.append(len(stretch) > 0, stretch[1:] != stretch[:-1]))
     ends = np.append(starts[1:], len(index))
     there = np.logical_or.reduceat(use, starts)
