@@ -70,13 +70,18 @@ def carry_of(record: Record, settings: LoopSettings, scanner: ErrorScanner) -> C
     head = record if until is None else record.slice(0, int(np.searchsorted(record.index, until, "right")) + 1)
     tail = Tail(scanner.smooth.open, tuple(scanner.states), scanner.last_index) if scanner.states else None
     columns = tuple(x.astype(float) for x in (head.index, head.setpoint, head.measurement, head.state))
-    output, travel = np.zeros(0) if record.output is None else record.output[np.isfinite(record.output)], None
-    if len(output):
-        from ..kernels import play
+    return Carry(Ti, Tf, record.interval, columns, tail, _travel(record), until)
 
-        path = float(np.abs(np.diff(play(output, SMALLEST_MOVE, output[0]))).sum())
-        travel = path / (len(output) * record.interval / 3600.0)
-    return Carry(Ti, Tf, record.interval, columns, tail, travel, until)
+
+def _travel(record: Record) -> float | None:
+    """How far the output moved per hour [spans/h]."""
+    output = np.zeros(0) if record.output is None else record.output[np.isfinite(record.output)]
+    if not len(output):
+        return None
+    from ..kernels import play
+
+    path = play(output, SMALLEST_MOVE, output[0])
+    return float(np.abs(np.diff(path)).sum()) / (len(output) * record.interval / 3600.0)
 
 
 def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None, Tail | None]:

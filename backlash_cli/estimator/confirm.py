@@ -271,5 +271,5 @@ def _evidence(asked: Sequence[Asked]) -> float:
     second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
     found = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
     found += np.mean(np.sort([a.free for a in asked], axis=0)[-SIZED:], axis=0)
-    best = int(np.mean([a.test.gain for a in asked], axis=0).argmax())
+    best = int(_explained([a.test for a in asked]).argmax())
     return float(np.max(found[max(best - NEAR, 0) : best + NEAR + 1]))

@@ -35,8 +35,7 @@ STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
 FREE_LAGS = 4  # of an answer of its own, to a gap or to an imitation
-SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # how long an answer is watched, and when it must have come [Ti]: four lags tell
-# only how it begins
+SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # Ti: how long an answer is watched, when it must have come; few lags tell less
 NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
 TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
 IMITATED = 0.5  # of what imitations gain is taken off

@@ -5,14 +5,16 @@ T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Proc
 control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
 """
 
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..half_periods import ErrorScanner, Segments, double_lag
 from ..record import FloatArray, LoopSettings, Record, quantile
 from ..results import Estimate, Estimates
+
+Numbers = TypeVar("Numbers", float, FloatArray)
 
 SLOW_ENOUGH = 5.0  # gate dt >= 5 Ti: the signals are slow, the valve moves through statics
 SHAPE_LIMIT = 2.0  # gate e_max < 2 dy: a half period flattened by the dead band, not a load disturbance
@@ -27,24 +29,37 @@ ENOUGH = 10  # this many half periods within the supervision time are an oscilla
 SUPERVISION = 50.0  # supervision time in integral times
 
 
-def dead_band(dy: FloatArray, duration: FloatArray, K: float, Ti: float, Kp: float) -> FloatArray:
-    """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of a half period (15) [output span]: how far the integral
-    part moved the output (11), less what of that moves the process.
+def mean_error(area: ArrayLike, duration: ArrayLike) -> FloatArray:
+    """Return dy, the mean of |e| over a half period (12). area [span s], duration [s] -> [span]."""
+    length = np.asarray(duration, dtype=np.float64)
+    return np.asarray(np.where(length > 0.0, area / np.where(length > 0.0, length, 1.0), 0.0))
+
+
+def output_change(dy: Numbers, duration: Numbers, K: float, Ti: float) -> Numbers:
+    """Return du = K/Ti dy dt (11): how far the integral part moved the output [output span]."""
+    return abs(K) / Ti * dy * duration
+
+
+def dead_band(dy: Numbers, duration: Numbers, K: float, Ti: float, Kp: float) -> Numbers:
+    """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of a half period (15) [output span].
 
     >>> round(dead_band(0.01, 20.0, K=1.2, Ti=2.2, Kp=1.0), 12)  # (10.909 - 1) * 0.01
     0.099090909091
     """
-    return abs(K) / Ti * dy * duration - dy / abs(Kp)
+    return output_change(dy, duration, K, Ti) - dy / abs(Kp)
 
 
-def gate(duration: FloatArray, dy: FloatArray, e_max: FloatArray, complete: NDArray[np.bool_], d: FloatArray,
+def gate(duration: ArrayLike, dy: ArrayLike, e_max: ArrayLike, complete: ArrayLike, d: ArrayLike,
          Ti: float) -> NDArray[np.uint8]:
     """Return why each half period is refused, as its place in WHY; OK if it is not.
 
     duration [s], dy and e_max [span], complete, d [output span]: (half_periods,).
     """
-    refused = [~complete, duration < SLOW_ENOUGH * Ti, e_max >= SHAPE_LIMIT * dy, d <= 0.0]
-    return np.select(refused, [INCOMPLETE, TOO_SHORT, SHAPE, NOT_POSITIVE], OK).astype(np.uint8)
+    why = np.where(np.asarray(d) <= 0.0, NOT_POSITIVE, OK).astype(np.uint8)
+    why[np.asarray(e_max) >= SHAPE_LIMIT * np.asarray(dy)] = SHAPE
+    why[np.asarray(duration) < SLOW_ENOUGH * Ti] = TOO_SHORT
+    why[~np.asarray(complete)] = INCOMPLETE
+    return why
 
 
 def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:
@@ -53,7 +68,7 @@ def estimate(segments: Segments, interval: float, settings: LoopSettings, start:
     s, K, Ti, Kp = segments, settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
     duration = (s.end - s.begin) * interval
-    dy = np.divide(s.area * interval, duration, out=np.zeros(len(duration)), where=duration > 0.0)  # mean of |e| (12)
+    dy = mean_error(s.area * interval, duration)
     d = dead_band(dy, duration, K, Ti, Kp)
     return Estimates(start, s.begin * interval, duration, dy, s.e_max, d, s.direction.astype(np.int8),
                      gate(duration, dy, s.e_max, s.complete, d, Ti), WHY)

@@ -17,13 +17,20 @@ def rebuilt_output(record: Record, settings: LoopSettings, usable: NDArray[np.bo
     assert settings.K and settings.Ti
     out, at = np.full(len(record), np.nan), np.flatnonzero(usable)
     if len(at):
-        y, lag = record.measurement[at], double_lag(settings.filter_time or 0.0, record.interval)
-        # what the filter makes of each sample until the next one comes, it has made of it at once: in simulated loops
-        # the output is then off by a fifth to a hundredth of what it is off else; where PV is recorded much less often
-        # than the controller reads it, by as much
-        if lag.numerator[0] == 0.0:
-            lag = DoubleLag(np.append(lag.numerator[1:], 0.0), lag.denominator)
+        y = record.measurement[at]
+        lag = at_once(double_lag(settings.filter_time or 0.0, record.interval))
         yf, _ = lag.run(y, lag.settled(float(y[0])))
         integral = np.cumsum(record.setpoint[at] - yf) * record.interval / settings.Ti
         out[at] = settings.K * (integral - yf - settings.Td * np.diff(yf, prepend=y[0]) / record.interval)
     return out
+
+
+def at_once(lag: DoubleLag) -> DoubleLag:
+    """Return the filter that has made of each sample what `lag` makes of it until the next one comes.
+
+    In simulated loops the rebuilt output is off by a fifth to a hundredth of what it is off with `lag`; where PV is
+    recorded much less often than the controller reads it, by as much.
+    """
+    if lag.numerator[0] != 0.0:  # no filter
+        return lag
+    return DoubleLag(np.append(lag.numerator[1:], 0.0), lag.denominator)

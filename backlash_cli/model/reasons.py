@@ -79,9 +79,7 @@ def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate],
             return reason
         if d is not None and turns < 2:
             return noted("op_never_turns")
-        sizes = [p.value for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
-        numbers = np.hstack(sizes) if sizes else np.ones(1)
-        if np.all(np.isinf(numbers) | (np.abs(numbers) < 1e-5)):  # sizes went to nothing: zero, or a limit at infinity
+        if _does_nothing(c):
             return noted("fits_nothing")
         if d is not None and d < finest:
             return noted("below_resolution", {"size": d, "resolution": finest})
@@ -91,6 +89,13 @@ def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate],
         return noted("little_evidence" if little else "no_better_prediction")
 
     return tuple(replace(c, why=why(c)) for c in candidates)
+
+
+def _does_nothing(c: Candidate) -> bool:
+    """True where the sizes of an effect went to nothing: zero, or a limit at infinity."""
+    sizes = [p.value for p in c.parameters.values() if not p.nuisance and p.unit not in ("s", "0 or 1")]
+    numbers = np.hstack(sizes) if sizes else np.ones(1)
+    return bool(np.all(np.isinf(numbers) | (np.abs(numbers) < 1e-5)))
 
 
 def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested, holdout: float,
@@ -104,14 +109,18 @@ def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part,
     without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}
     gone = [noted("effect_not_here", {"effect": name, "rmse_holdout": less}, name=name.replace("_", " "), now=holdout)
             for name, less in without.items() if less is not None and less < (1.0 - ABOUT) * holdout]
-    here, place = usual_output(problem), list[Note]()
-    if model.output is not None and here is not None:
-        u, (low, high) = problem.output[problem.used], model.output
-        inside = float(np.mean(np.abs(u - 0.5 * (low + high)) <= 0.6 * (high - low)))
-        place = [] if inside >= SAME_PLACE else [noted("other_operating_point", {"share_inside": inside}, low=100 * low,
-                                                       high=high, first=100 * here[0], last=here[1])]
-    return (*too_little(problem, shape, model.Kp, "too_little_motion:kept"), *place, *gone,
+    return (*too_little(problem, shape, model.Kp, "too_little_motion:kept"), *_place(problem, model), *gone,
             *_process(problem, model, shape, recorders, plain))
+
+
+def _place(problem: Problem, model: Model) -> list[Note]:
+    here = usual_output(problem)
+    if model.output is None or here is None:
+        return []
+    u, (low, high) = problem.output[problem.used], model.output
+    inside = float(np.mean(np.abs(u - 0.5 * (low + high)) <= 0.6 * (high - low)))
+    return [] if inside >= SAME_PLACE else [noted("other_operating_point", {"share_inside": inside}, low=100 * low,
+                                                  high=high, first=100 * here[0], last=here[1])]
 
 
 def _process(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], plain: Tested) -> list[Note]:

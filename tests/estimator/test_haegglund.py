@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.haegglund import WHY, dead_band, estimate, gate
+from backlash_cli.estimator.haegglund import WHY, dead_band, estimate, gate, mean_error, output_change
 from backlash_cli.half_periods import Segments
 from backlash_cli.record import LoopSettings
 
@@ -12,7 +12,9 @@ def test_estimate_is_output_travel_minus_the_part_that_moves_the_process():
     rng = np.random.default_rng(3)
     dy, dt = rng.uniform(0.001, 0.05, 50), rng.uniform(1, 500, 50)
     K, Ti, Kp = 0.6, 28.0, 1.3
-    np.testing.assert_allclose(dead_band(dy, dt, K, Ti, Kp), K / Ti * dy * dt - dy / Kp)
+    travel = output_change(dy, dt, K, Ti)
+    np.testing.assert_allclose(travel, K / Ti * dy * dt)
+    np.testing.assert_allclose(dead_band(dy, dt, K, Ti, Kp), travel - dy / Kp)
 
 
 @pytest.mark.parametrize("Kp, error", [(1.0, 0.22), (3.4, -0.17)])
@@ -22,6 +24,10 @@ def test_default_process_gain_costs_at_most_what_the_paper_says(Kp, error):
     one, dt, Ti = np.array([1.0]), np.array([5.0]), 1.0
     ratio = dead_band(one, dt, K, Ti, 1.5) / dead_band(one, dt, K, Ti, Kp) - 1
     assert ratio[0] == pytest.approx(error, abs=0.01)
+
+
+def test_mean_error_of_an_empty_half_period_is_zero():
+    assert (mean_error(0.0, 0.0), mean_error(4.0, 2.0)) == (0.0, 2.0)
 
 
 def test_gates_at_their_edges():
