@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -184,8 +185,9 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
         ahead = 2 * count  # items on their way to the processes; more would only fill memory
         for position, item in enumerate(items):
             try:
-                for coming in items[position + len(waiting) : position + ahead]:
-                    waiting.append(pool.submit(work, coming))
+                with _stops_wait():  # may start a process, which complains where it is left half told what to do
+                    for coming in items[position + len(waiting) : position + ahead]:
+                        waiting.append(pool.submit(work, coming))
                 result = waiting.pop(0).result()
             except BrokenProcessPool:  # nobody knows over which item a process died: this one is tried alone
                 if count == 1 and not started.is_set():  # each process runs the script of the first one anew
@@ -206,6 +208,26 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
             child.terminate()
         for child in ours:
             child.join(5)
+
+
+@contextmanager
+def _stops_wait() -> Iterator[None]:
+    """Hold back what stops this process, and let processes begun meanwhile be deaf to Ctrl-C from the first."""
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "pthread_sigmask"):
+        yield  # Python answers signals in the main thread alone
+        return
+    came: list[int] = []
+    usual = {number: signal.signal(number, lambda number, frame: came.append(number))
+             for number in (signal.SIGINT, signal.SIGTERM) if callable(signal.getsignal(number))}
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for number, answer in usual.items():
+            signal.signal(number, answer)
+        for late in came:
+            signal.raise_signal(late)
 
 
 def _begin(started: Event) -> None:

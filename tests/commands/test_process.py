@@ -80,6 +80,26 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
                 time.sleep(0.05)
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_while_another_process_is_begun_leaves_no_traceback(plant, tmp_path, number):
+    """Between its start and the moment when it was told what to do; Ctrl-C reaches it as well."""
+    script = tmp_path / "begun.py"
+    script.write_text("import os, multiprocessing.util as util, backlash_cli.__main__\n"
+                      "real = util.spawnv_passfds\n"
+                      "def begun(path, arguments, fds):\n"
+                      "    child = real(path, arguments, fds)\n"
+                      "    if 'spawn_main' in str(arguments):\n"
+                      f"        os.kill(os.getpid(), {int(number)})\n"
+                      f"        {int(number)} == {int(signal.SIGINT)} and os.kill(child, {int(number)})\n"
+                      "    return child\n"
+                      "util.spawnv_passfds = begun\n"
+                      "if __name__ == '__main__':\n    backlash_cli.__main__.main()\n")
+    ended = subprocess.run([sys.executable, str(script), "scan", str(plant), "--jobs", "2"], capture_output=True,
+                           text=True, timeout=30)
+    assert ended.returncode == 128 + number and "stopped" in ended.stderr
+    assert "Traceback" not in ended.stderr
+
+
 @pytest.mark.parametrize("place", ["threading.Thread.start", "backlash_cli.__main__._hear_stops",
                                    "backlash_cli.__main__.cli.make_context", "os.set_blocking", "sys.stdout.flush"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
