@@ -22,7 +22,16 @@ from ..results import Confirmation
 from ..words import noted
 from .criteria import FEWEST_CROSSINGS
 from .exclusion import excluded
-from .gap_test import IMITATED, GapTest, forgetting_gaps_in, gaps_in, gaps_tested, imitation_gains, stem_known
+from .gap_test import (
+    IMITATED,
+    GapTest,
+    answers_output,
+    forgetting_gaps_in,
+    gaps_in,
+    gaps_tested,
+    imitation_gains,
+    stem_known,
+)
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .quality import stored_as
 from .rebuild import rebuilt_output
@@ -42,6 +51,7 @@ WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+ANSWERS = 0.5  # of the block lengths, where PV must answer OP for any dead band to be excluded
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
 DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
 GAP = 20  # samples; a hole as long ends a recording
@@ -80,16 +90,18 @@ class Study(Frozen):
     rebuilt: bool
     rounding: float
 
-    @property
-    def tests(self) -> list[tuple[GapTest, float]]:
-        """The gaps tested at each block length, with what the best imitation gains."""
-        return [(a.test, a.imitation) for a in self.asked]
-
     def crossed(self, d: float) -> int:
         """How often OP, in automatic, went through a gap of d [%] and back."""
         from ..kernels import gap_crossings
 
         return sum(gap_crossings(r.output[r.usable], d) for r in self.recordings)
+
+    def excludes(self, evidence: float) -> float | None:
+        """The smallest dead band [%] that the record excludes. It must show that PV answers OP: the play of a valve
+        that never moved is wider than all OP did. One event proves absence no more than presence."""
+        answers = [answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked]
+        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span)
+        return limit if limit and np.mean(answers) >= ANSWERS and self.crossed(limit) >= FEWEST_CROSSINGS else None
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:
@@ -212,9 +224,6 @@ def _confirmation(s: Study) -> Confirmation:
     imitation = float(np.mean([a.imitation for a in best]))
     imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
     low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection, DOUBT * imitation)
-    crossings, limit = s.crossed(d), excluded(s.tests, s.length, s.span)
-    if limit and s.crossed(limit) < FEWEST_CROSSINGS:  # absence is proved by one event no more than presence
-        limit = None
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
@@ -224,11 +233,11 @@ def _confirmation(s: Study) -> Confirmation:
         "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
         "share_deviation": float(of.deviation[at]), "edge": float(at in (0, len(grid) - 1)),
         "rows": float(best[0].prediction.rows), "block_s": best[0].prediction.size * s.interval,
-        "output_range": s.span / 100.0, "crossings": float(crossings), "unseen_motion": unseen / 100.0,
+        "output_range": s.span / 100.0, "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
         "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
     }
-    return confirmation(d, (low, high), float(of.error_reduction[at]), limit, details, grid, answer)
+    return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, answer)
 
 
 def _unseen_motion(s: Study) -> float:

@@ -144,6 +144,12 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1), own_gain)
 
 
+def answers_output(p: Predictor, K: float | None, Ti: float, interval: float) -> bool:
+    """Whether PV's answer to OP, as the prediction has it, is one of a process. K, Ti, interval: as `gaps_tested`."""
+    b = np.asarray(np.linalg.solve(p.gram, p.columns @ p.target), dtype=np.float64)[None]
+    return bool(_possible(p, b, b[:, p.past_output], K, Ti, interval, SEEN_TIED)[0])
+
+
 def imitation_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
     """Gain [nats] (signals,) of each of the signals (signals, blocks) of each recording with FREE_LAGS free lags."""
     G = p.lagged(signals, min(FREE_LAGS, p.lags.count))

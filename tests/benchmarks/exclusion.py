@@ -34,9 +34,10 @@ def table(folder: str | Path) -> pd.DataFrame:
             assert isinstance(asked, Study)
             if asked.interval > COARSEST * asked.Ti:  # a verdict clears none of them
                 continue
-            seen = signs(asked.tests, asked.length, asked.span)[:, :-1]
+            evidence = float(found.details["evidence"])
+            seen = signs([a.test for a in asked.asked], evidence, asked.length, asked.span)[:, :-1]
             rows += [[true.d >= L, *of] for L, of in zip(LIMITS, seen, strict=True)]
-    columns = ["there", "gain", "short", "tied", "length", "span over limit", "limit", "deviation"]
+    columns = ["there", "gain", "above the mean", "evidence", "length", "span over limit"]
     return pd.DataFrame(rows, columns=columns)
 
 

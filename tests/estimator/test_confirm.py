@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from backlash_cli.estimator.confirm import confirm, memory
+from backlash_cli.estimator.confirm import confirm, memory, study
 from backlash_cli.record import LoopSettings, Note, Record, SampleState
 from backlash_cli.results import Confirmation, Verdict
 from backlash_cli.scanning import scan
@@ -176,6 +177,17 @@ def test_absence_is_proved_by_one_event_no_more_than_presence(healthy: Record, m
         with monkeypatch.context() as patched:
             patched.setattr("backlash_cli.estimator.confirm.excluded", lambda *_: 1.5)
             assert confirm(record).limit_of_detection == limit
+
+
+def test_a_valve_that_never_moved_has_more_play_than_op_could_show(healthy: Record, monkeypatch: pytest.MonkeyPatch):
+    """Its PV wanders by itself, and OP, which follows, excludes nothing."""
+    wander = 0.5 + 0.004 * lfilter([1.0], [1.0, -0.98], np.random.default_rng(3).normal(size=len(healthy)))
+    error = healthy.setpoint - wander
+    stuck = replace(healthy, measurement=wander, output=0.5 + 0.1 * (error + np.cumsum(error - error.mean()) / 20.0))
+    for record, limit in ((healthy, 0.015), (stuck, None)):
+        with monkeypatch.context() as patched:
+            patched.setattr("backlash_cli.estimator.confirm.excluded", lambda *_: 1.5)
+            assert study(record, SETTINGS).crossed(1.5) >= 2 and confirm(record).limit_of_detection == limit
 
 
 def test_pv_stored_by_exception(worn: Record, healthy: Record):
