@@ -41,7 +41,7 @@ from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of,
 
 Said = TypeVar("Said")
 PARTS_OF_TI, LONGEST = 8, 1.4  # of Ti: the shortest block is one part, or half of it; the longest, in Ti
-SHORT = 3000  # blocks of one part; halves are tried only in records of fewer
+SHORT = 1500  # blocks of one part; halves are tried only in records of fewer
 MOST_ROWS = 3000  # of a longer record every second, third .. block is predicted, each from all that lies before it;
 ROWS_OF_SIZE = 6000  # more for the size. With 6,000 rows no more dead bands are found than with 2,000
 SIZED, NEAR = 2, 2  # block lengths that tell the size; how many widths beside the best evidence may come from

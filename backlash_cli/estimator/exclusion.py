@@ -18,7 +18,7 @@ from .width_profile import DROP
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER = 0.85  # widths from this share of L on
 SURE = 0.02  # of the deviation of the share at most: no gap is known better
-WEIGHTS, CONSTANT = (1.319, -1.073, 0.138, -0.554, 1.198), -2.295  # of the signs, by regression
+WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
