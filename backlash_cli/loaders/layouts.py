@@ -212,7 +212,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
              if not is_column(head.names[i], "quality")]
     named = [i for i in texts if head.plain[i] in TAG]
-    if roles:
+    if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
         rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
         groups = [i for i in rest if head.plain[i] in GROUPS] or [i for i in rest if i in named] or rest
         if groups:

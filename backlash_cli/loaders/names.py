@@ -23,6 +23,7 @@ _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.P
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
 _DATED = re.compile(r"(?:[ _.-]+(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
                     r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
+_SCRIPTS = re.compile(r"(?<=\d)(?=[\u2e80-\u9fff\uac00-\ud7af]+$)")  # FIC101測定値: no blank stands where Latin letters end
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -89,7 +90,7 @@ def _labelled(name: str) -> str:
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
-    name = _SERVER.sub("", text.strip())
+    name = _SCRIPTS.sub(" ", _SERVER.sub("", text.strip()))
     name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)

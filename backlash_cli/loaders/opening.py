@@ -25,9 +25,10 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag, undated
+from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag, undated
 from .options import ReadOptions
 from .sources import is_export, stem_of
+from .states import quality_words
 from .times import DOTTED, stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
@@ -216,11 +217,11 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def code_page(head: bytes) -> str:
-    """Return the code page that makes known names or stamps of most cells of a text which is not UTF-8; the Western
-    European one where none does."""
+    """Return the code page that makes known names, stamps or qualities of most cells of a text which is not UTF-8; the
+    Western European one where none does."""
     def known(page: str) -> int:
         cells = {*re.split(r'[,;\t|"\r\n]+', head[:SAMPLE].decode(page, "ignore"))}
-        return sum(bool(is_column(c, "time") or split_tag(c).role or kind(c) == "time")
+        return sum(bool(is_column(c, *COLUMNS) or split_tag(c).role or kind(c) == "time" or quality_words([c], "named"))
                    for c in cells if not c.isascii())
 
     return max(CODE_PAGES, key=known)

@@ -3,7 +3,8 @@ is known at the end: until then an open date is packed from its numbers and its 
 
 import re
 from collections.abc import Callable, Sequence
-from datetime import timedelta, timezone, tzinfo
+from datetime import datetime, timedelta, timezone, tzinfo
+from functools import lru_cache
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -23,6 +24,7 @@ _DATED, _COMPACT, _OF_DAY = (form.replace("CLOCK", WORDS["stamps"]["clock"]).rep
                              for form in WORDS["stamps"]["forms"])
 _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in WORDS["stamps"]["rewritten"]]
 _NO_DATE: str = WORDS["stamps"]["no_date"]
+_COUNTED = re.compile(r"^\s*(\d{4}-W\d\d-\d|\d{4}-\d{3})(T|\s|$)")  # dates that count weeks, or days of the year
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
 _ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)|\b([A-Z]{3,4})[)\]]?$")  # in the name of a column
@@ -41,6 +43,8 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
     NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text = pc.replace_substring_regex(pa.array(words, pa.string()), _NO_DATE, "")
+    if pc.any(pc.match_substring_regex(text, _COUNTED.pattern)).as_py():
+        text = pa.array([_COUNTED.sub(_by_month, word) for word in text.to_pylist()], pa.string())
     rest, of_day = np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
@@ -59,7 +63,7 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
 
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
-    text = re.sub(_NO_DATE, "", text)
+    text = _COUNTED.sub(_by_month, re.sub(_NO_DATE, "", text))
     if ":" in text and re.match(_OF_DAY, text):
         return "clock"
     found = re.match(_DATED, text)
@@ -68,6 +72,19 @@ def stamp_kind(text: str) -> str:
     found = found or re.match(_DATED, text)
     known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
     return "time" if known or re.match(_COMPACT, text) else ""
+
+
+def _by_month(date: re.Match[str]) -> str:
+    """2026-03-17 for 2026-W12-2 and for 2026-076; a day that does not exist stays as it is."""
+    return _day_of_year(date[1]) + date[2]
+
+
+@lru_cache(1 << 10)
+def _day_of_year(text: str) -> str:
+    try:
+        return f"{datetime.strptime(text, '%G-W%V-%u' if 'W' in text else '%Y-%j'):%Y-%m-%d}"
+    except ValueError:
+        return text
 
 
 def _is_open(micros: IntArray) -> NDArray[np.bool_]:
@@ -325,7 +342,7 @@ class StampReader:
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
-        parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", self._shown_open)
+        parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", re.sub(r"\d+:[\d:.,]+", "", self._shown_open))
         separator, short = (parts[1], len(parts[2]) < 3) if parts else ("", False)  # short: years of two digits
         readings = _readings(np.array(list(self._open), np.int64))
         first, last, counts = np.array(list(self._open.values())).T

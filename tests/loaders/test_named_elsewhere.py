@@ -1,0 +1,61 @@
+"""Exports whose dates, signals or loops are named in a way of their own: by week, by script, beside the table."""
+
+# One line per way of writing reads better than wrapped ones.
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from backlash_cli.loaders import read
+
+from .exports import SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .test_layouts import comma, same_recording
+from .test_more_layouts import renamed
+
+EXPORTS = {
+    "iso_week": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%uT%H:%M:%S"))}),
+    "iso_week_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%u %H:%M:%S.000+00:00"))}),
+    "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
+    "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
+    "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
+    "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
+    "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
+    "japanese_output": Export({"plant.csv": wide(name=renamed(SP="{} 設定値", PV="{} 現在値", OP="{} 操作出力"), time_name="日付時刻").encode("cp932")}, notes=("encoding",)),
+    "french_command": Export({"plant.csv": wide(name=renamed(SP="{}.Consigne", PV="{}.Mesure", OP="{}.Commande"), time_name="Horodatage")}),
+    "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", EXPORTS)
+def test_an_export_with_names_of_its_own_gives_the_recording(key, tmp_path):
+    same_recording(EXPORTS[key], tmp_path)
+
+
+@pytest.mark.parametrize(("header", "encoding"), [
+    ("Zeit;Valeur de consigne;Valeur mesurée;Valeur de sortie", "utf-8"),
+    ("Fecha;Punto de consigna;Variable de proceso;Salida del controlador", "utf-8"),
+    ("Data e ora;Setpoint;Variabile di processo;Uscita", "utf-8"), ("Tid;Settpunkt;Måleverdi;Pådrag", "utf-8"),
+    ("Čas;Žádaná hodnota;Měřená hodnota;Akční veličina", "cp1250"), ("시간;설정값;측정값;출력값", "cp949"),
+    ("Метка времени;Уставка;Текущее значение;Выход регулятора", "cp1251"),
+    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932")])
+def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, encoding):
+    rows = zip(STAMPS, *(SIGNALS[f"FIC101.{signal}"] for signal in ("SP", "PV", "OP")), strict=True)
+    lines = [header, *(";".join([f"{stamp:%Y-%m-%d %H:%M:%S}", *map(str, values)]) for stamp, *values in rows)]
+    (tmp_path / "FIC101.csv").write_bytes("\n".join(lines).encode(encoding))
+    record, = read(tmp_path / "FIC101.csv").records
+    assert record.loop == "FIC101" and record.output is not None
+    low, high = record.settings.pv_range
+    np.testing.assert_allclose(low + record.measurement * (high - low), SIGNALS["FIC101.PV"], atol=1e-6)
+
+
+def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
+    """Zła is no word, and Jakość no column of qualities, when they are read in the Western European code page."""
+    def row(tag, stamp, value):
+        bad = tag == "FIC101.PV" and stamp in STAMPS[200:400]
+        return f"{tag};{stamp:%Y-%m-%d %H:%M:%S};{'0' if bad else value};{'Zła' if bad else 'Dobra'}"
+
+    (tmp_path / "plant.csv").write_bytes(long(row, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
+    record = read(tmp_path / "plant.csv")["FIC101"]
+    assert np.count_nonzero(record.usable) == len(STAMPS) - 200
