@@ -316,7 +316,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
                 one = replace(one, loop=owner, role="mode")
         if alone and (home or not one.loop or not one.role):
-            one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
+            one = replace(one, loop=home or stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)
     if not found:
         raise InputError(**explained("no_signals", shown=some(head.names)), where=head.where)

@@ -21,9 +21,10 @@ _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FI
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
-_DATED = re.compile(r"(?:[ _.-]+(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
+_DATED = re.compile(r"(?:[ _.-]+(?:(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
+                    r"|(?:0[1-9]|[12]\d|3[01])[-_.](?:0[1-9]|1[0-2])[-_.](?:19|20)\d\d)"
                     r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
-_SCRIPTS = re.compile(r"(?<=\d)(?=[\u2e80-\u9fff\uac00-\ud7af]+$)")  # FIC101測定値: no blank stands where Latin letters end
+_SCRIPTS = re.compile(r"(?<=\d)(?=[\u2e80-\u9fff\uac00-\ud7af]+$)")  # FIC101測定値 is written without a blank
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 

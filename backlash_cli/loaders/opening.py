@@ -25,9 +25,21 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag, undated
+from .names import (
+    COLUMNS,
+    SIGNALS,
+    WORDS,
+    explained,
+    is_column,
+    is_whole,
+    noted,
+    plain,
+    signal_role,
+    split_tag,
+    undated,
+)
 from .options import ReadOptions
-from .sources import is_export, stem_of
+from .sources import is_export
 from .states import quality_words
 from .times import DOTTED, stamp_kind
 
@@ -228,10 +240,10 @@ def code_page(head: bytes) -> str:
 
 
 def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
-    """Return (stem, what opens it) of the exports in a zip archive. Raises InputError without any."""
+    """Return (path in it, what opens it) of the exports in a zip archive. Raises InputError without any."""
     try:
         archive = ZipFile(path.open("rb", buffering=0))
-        found = [(stem_of(Path(name)), partial(archive.open, name)) for name in archive.namelist()
+        found = [(name, partial(archive.open, name)) for name in archive.namelist()
                  if is_export(PurePosixPath(name).name)]
         for _, opened in found:
             opened().close()

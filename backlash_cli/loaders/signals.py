@@ -21,7 +21,7 @@ from ..samples import no_values, unit_change
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import COLUMNS, SIGNALS, bare_tag, explained, noted, plain, undated
+from .names import COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
@@ -270,7 +270,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
     present = {item.loop for item in series if item.loop} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    counts = Counter(match for _, match in {(undated(name), match) for name, match in found.items()})
+    counts = Counter(found.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}
     for item in series:

@@ -20,6 +20,7 @@ from ..places import Remote, place
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, explained, plain, signal_role
+from .times import stamp_kind
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
@@ -73,21 +74,24 @@ def _below(folder: Path | Remote) -> list[Source]:
             listed[tuple(parts)].append(name)
     found: list[Source] = []
     for way_down, names in sorted(listed.items()):
-        way = (folder.name, *way_down)
-        partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
-        # the nearest folder that is called after something: no key=value, no date
-        home = next((part for part in reversed(way) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)), "")
-        named = any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
         here, beside = reduce(truediv, way_down, folder), frozenset(names)
-        for name in sorted(filter(is_export, names)):
-            own = {**partition, "loop": home} if home and not named and (
-                _PART.match(name) or signal_role(stem_of(Path(name)))) else partition
-            found.append(Source(here / name, own, beside))
+        found += [Source(here / name, told_by((folder.name, *way_down), name), beside)
+                  for name in sorted(filter(is_export, names))]
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {some(other)}" if other else "; it is empty"
         raise InputError(**explained("no_exports", there=there), where=str(folder))
     return found
+
+
+def told_by(folders: Sequence[str], name: str) -> dict[str, str]:
+    """Return what folders on the way to a file tell: values of key=value, and the loop of a file called after none."""
+    partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in folders) if equals}
+    # the nearest folder that is called after something: no key=value, no date
+    home = next((part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)), "")
+    stem, named = stem_of(Path(name)), any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
+    nameless = _PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"
+    return {**partition, "loop": home} if home and not named and nameless else partition
 
 
 def is_export(name: str) -> bool:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate, chain, islice
+from pathlib import Path
 from sys import intern
 from typing import Any
 
@@ -28,9 +29,9 @@ from .names import explained, is_whole, noted, signal_role, undated
 from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sources import Source, stem_of
+from .sources import Source, stem_of, told_by
 from .states import mode_words
-from .times import StampReader, micros_of
+from .times import StampReader, micros_of, stamp_kind
 
 TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
@@ -213,10 +214,15 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
-        name = stem if kind == "workbook" and len(parts) == 1 else name
+        partition = source.partition
+        if kind == "archive":
+            *folders, file = name.split("/")
+            name, partition = stem_of(Path(file)), partition | told_by((stem, *folders), file)
+        elif kind == "workbook" and (len(parts) == 1 or stamp_kind(name) == "time"):  # a sheet for each day
+            name = stem
         try:
-            table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, taken, opened), name, source.partition)
+            table = ParquetTable(path, stem, options, partition) if kind == "parquet" else TextTable(
+                Text(path, options, taken, opened), name, partition)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)

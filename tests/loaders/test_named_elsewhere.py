@@ -5,16 +5,41 @@
 
 from __future__ import annotations
 
+import io
+
 import numpy as np
+import pandas as pd
 import pytest
 
 from backlash_cli.loaders import read
 
-from .exports import SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
 from .test_layouts import comma, same_recording
-from .test_more_layouts import renamed
+from .test_more_layouts import packed, renamed, row
+
+HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
+
+
+def single(loop, rows=range(ROWS)):
+    """SP, PV and OP of one loop, which the table does not name."""
+    return "Time,OP,PV,SP\n" + "".join(f"{iso(STAMPS[i])},{row(loop, i)}\n" for i in rows)
+
+
+def day_sheets(loop):
+    """A workbook with a sheet for each day."""
+    held = io.BytesIO()
+    with pd.ExcelWriter(held) as book:
+        for day, rows in HALVES.items():
+            pd.read_csv(io.StringIO(single(loop, rows))).to_excel(book, sheet_name=day, index=False)
+    return held.getvalue()
+
 
 EXPORTS = {
+    "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
+    "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
+    "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
+    "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
+    "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
     "iso_week": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%uT%H:%M:%S"))}),
     "iso_week_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%u %H:%M:%S.000+00:00"))}),
     "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
@@ -50,12 +75,21 @@ def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, enc
     np.testing.assert_allclose(low + record.measurement * (high - low), SIGNALS["FIC101.PV"], atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["FIC101_20260317", "FIC101 2026-03-18 0800", "FIC101_18.03.2026", "FIC101-18-03-2026"])
+def test_a_loop_is_not_called_after_the_day_of_its_file(tmp_path, name):
+    """With or without settings, so that the files of several days are one loop."""
+    days = [single("FIC101", rows) for rows in HALVES.values()]
+    (tmp_path / f"{name}.csv").write_text(days[1])
+    (tmp_path / "FIC101_2026-03-17.csv").write_text(days[0])
+    assert [(r.loop, len(r)) for r in read(tmp_path)] == [("FIC101", ROWS)]
+
+
 def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
     """Zła is no word, and Jakość no column of qualities, when they are read in the Western European code page."""
-    def row(tag, stamp, value):
+    def of_sample(tag, stamp, value):
         bad = tag == "FIC101.PV" and stamp in STAMPS[200:400]
         return f"{tag};{stamp:%Y-%m-%d %H:%M:%S};{'0' if bad else value};{'Zła' if bad else 'Dobra'}"
 
-    (tmp_path / "plant.csv").write_bytes(long(row, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
+    (tmp_path / "plant.csv").write_bytes(long(of_sample, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
     record = read(tmp_path / "plant.csv")["FIC101"]
     assert np.count_nonzero(record.usable) == len(STAMPS) - 200
