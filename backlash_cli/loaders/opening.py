@@ -302,7 +302,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         name = ("wrong_delimiter" if width < 2 and options.delimiter else "only_a_header" if named else
                 "no_columns" if width < 2 else "no_measurements")
         raise InputError(**explained(name, delimiter=options.delimiter), where=where)
-    before = {lines[i][0]: cells(i) for i in range(first)}
+    before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
@@ -408,7 +408,10 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
-    whole = any(map(is_whole, names))
+    whole, signals = any(map(is_whole, names)), [i for i, name in enumerate(names) if signal_role(name)]
+    for other in () if whole else rows[:best]:  # FIC101, FIC101, FIC101 above SP, PV, OP
+        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]):
+            return tuple(_joined(names, other, kinds))
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
@@ -417,6 +420,18 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
     return tuple(names)
+
+
+def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
+    """Put tags in the place of short names of a header where lines above say so: A;FIC101.SP;Feed, or B = FIC101.PV.
+    Return the header alone then, else the lines as they are."""
+    told: dict[str, str] = {}
+    for cells in before.values():
+        words = [word.strip(" #\"'") for cell in cells for word in re.split(r"\s=\s|:\s", cell) if word.strip()]
+        if (tags := [*filter(is_whole, words[1:])]) and not is_whole(words[0]):  # Feed setpoint describes FIC101.SP
+            told[words[0]] = min(tags, key=lambda tag: " " in tag)
+    header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
+    return before if header is None else {header: [told.get(cell.strip(), cell) for cell in before[header]]}
 
 
 def _spans(cells: list[str], width: int) -> bool:

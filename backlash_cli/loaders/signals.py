@@ -4,6 +4,7 @@ A Store keeps few columns in memory, more in one scratch file without a name: no
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -262,6 +263,8 @@ class Signal(Frozen, eq=False):
 def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
+    blocks = _controllers_of_blocks(series, metadata)
+    series = [replace(item, loop=blocks[item.loop]) if item.loop in blocks else item for item in series]
     loops: dict[str, LoopSeries] = {}
 
     def own(name: str) -> LoopSeries:
@@ -296,6 +299,22 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}
+
+
+def _controllers_of_blocks(series: Sequence[Series], metadata: Metadata) -> dict[str, str]:
+    """Return FIC101 for FIC101.DACA and FIC101.PIDA, of which one has PV alone, the other SP or OP without it: blocks
+    of a controller are called after the tag above them, which has a number, and have none of two digits themselves."""
+    roles, blocks = defaultdict[str, set[str]](set), defaultdict[str, list[str]](list)
+    for item in series:
+        if item.role in ("sp", "pv", "op"):
+            roles[item.loop].add(item.role)
+    for name in sorted(roles, key=lambda name: "pv" in roles[name]):
+        parent, _, block = name.replace("/", ".").rpartition(".")
+        if re.search(r"[^\W\d].*\d", parent) and not re.search(r"\d\d", block):
+            blocks[name[: len(parent)]].append(name)
+    return {name: parent for parent, names in blocks.items() for name in names
+            if parent not in roles and metadata.loops.keys().isdisjoint(names)
+            and len(names) == 2 and "pv" not in roles[names[0]] and roles[names[1]] == {"pv"}}
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:

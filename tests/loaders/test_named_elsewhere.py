@@ -6,17 +6,20 @@
 from __future__ import annotations
 
 import io
+import re
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 
-from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
 from .test_layouts import comma, same_recording
 from .test_more_layouts import packed, renamed, row
 
+SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
 HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
 
 
@@ -40,6 +43,14 @@ EXPORTS = {
     "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
     "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
     "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
+    "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
+    "legend_with_signs": Export({"plant.csv": "".join(f"# {short} = {n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
+    "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
+    "levels_of_one_loop": Export({f"{k}.csv": f"loop,{loop},{loop},{loop}\nsignal,OP,PV,SP\ntime,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
+    "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}, notes=("bare_pv",)),
+    "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}, loops={"A/FIC101": "FIC101", "A/PIC303": "PIC303"}, settings=SETTINGS.replace("loops.", "loops.'A/").replace("]\nK", "']\nK"), notes=("bare_pv",)),
     "iso_week": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%uT%H:%M:%S"))}),
     "iso_week_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%u %H:%M:%S.000+00:00"))}),
     "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
@@ -82,6 +93,18 @@ def test_a_loop_is_not_called_after_the_day_of_its_file(tmp_path, name):
     (tmp_path / f"{name}.csv").write_text(days[1])
     (tmp_path / "FIC101_2026-03-17.csv").write_text(days[0])
     assert [(r.loop, len(r)) for r in read(tmp_path)] == [("FIC101", ROWS)]
+
+
+@pytest.mark.parametrize(("header", "said"), [
+    ("Time,Klap,Meting,Setpoint", "no measurement .PV. column; there is SP only .further columns: Klap, Meting. -> name"),
+    ("Time,Klap,PV,SP", "no output .OP. recorded .further columns: Klap.: it is rebuilt")])
+def test_the_columns_are_named_of_which_one_may_be_what_is_missing(tmp_path, header, said):
+    (tmp_path / "FIC101.csv").write_text(single("FIC101").replace("Time,OP,PV,SP", header))
+    try:
+        messages = "\n".join(note.message for note in read(tmp_path / "FIC101.csv")["FIC101"].notes)
+    except BacklashError as error:
+        messages = str(error)
+    assert re.search(said, messages)
 
 
 def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
