@@ -13,7 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored
-from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag, undated
+from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -25,10 +25,10 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
 class Head(Frozen):
-    """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
-    look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
-    rest is of text: first_line and offset, where data begin; end: of what was looked at; header: line above the data
-    that may not come again, as another tag would follow."""
+    """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
+    cells look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101.
+    The rest is of text: first_line and offset, where data begin; end: of what was looked at; header: line above the
+    data that may not come again, as another tag would follow."""
 
     where: str
     stem: str
@@ -284,7 +284,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
-    pairs, marks, tags = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags
+    pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
@@ -294,9 +294,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
     if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
         home = f"{loop or next(v for v in rest if v != role)}.{role}"
-    elif loop and signal_role(head.stem):  # FIC101/PV.csv
-        home = f"{loop}.{head.stem}"
-    stem = undated(head.stem)
+    elif loop and signal_role(stem):  # FIC101/PV.csv
+        home = f"{loop}.{stem}"
     by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:

@@ -25,19 +25,7 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import (
-    COLUMNS,
-    SIGNALS,
-    WORDS,
-    explained,
-    is_column,
-    is_whole,
-    noted,
-    plain,
-    signal_role,
-    split_tag,
-    undated,
-)
+from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import is_export
 from .states import quality_words
@@ -310,7 +298,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     if not before:  # the name of the file, or a tag in every row, may say it all
         told = [stem] if kinds[1:] == ("number",) else [row[kinds.index("text")] for row in data if len(row) == width
                                                         ] if sorted(kinds) == ["number", "text", "time"] else []
-        if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
+        if told and all(split_tag(tag).role in SIGNALS for tag in told):
             before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
     names = header_of(before, kinds, options, where)
     kinds = tuple("clock" if kinds.count("time") > 1 and is_column(name, "clock") and all(

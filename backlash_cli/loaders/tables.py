@@ -204,7 +204,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
     needed: says whether samples of a signal are. taken: called with the bytes that were read."""
-    path, stem = source.path, stem_of(source.path)
+    path, stem = source.path, undated(stem_of(source.path))
     kind = kind_of(path)
     if kind == "parquet":
         taken(path.stat().st_size)
@@ -217,9 +217,9 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         partition = source.partition
         if kind == "archive":
             *folders, file = name.split("/")
-            name, partition = stem_of(Path(file)), partition | told_by((stem, *folders), file)
-        elif kind == "workbook" and (len(parts) == 1 or stamp_kind(name) == "time"):  # a sheet for each day
-            name = stem
+            name, partition = undated(stem_of(Path(file))), partition | told_by((stem, *folders), file)
+        elif kind == "workbook":  # with a sheet for each day, or for each loop
+            name = stem if len(parts) == 1 or stamp_kind(name) == "time" else undated(name)
         try:
             table = ParquetTable(path, stem, options, partition) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, partition)
@@ -344,7 +344,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
                 [replace(of_tag(head, layout, f"{tag}.{head.names[i]}", i), loop=tag, signal=head.names[i],
                          role="mode" if i in modes else signal_role(head.names[i]))
                  for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, f"{undated(head.stem)}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
+                [of_tag(head, layout, f"{head.stem}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
     return found
 
 

@@ -3,8 +3,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 
 import re
 from collections.abc import Callable, Sequence
-from datetime import datetime, timedelta, timezone, tzinfo
-from functools import lru_cache
+from datetime import timedelta, timezone, tzinfo
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -24,7 +23,6 @@ _DATED, _COMPACT, _OF_DAY = (form.replace("CLOCK", WORDS["stamps"]["clock"]).rep
                              for form in WORDS["stamps"]["forms"])
 _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in WORDS["stamps"]["rewritten"]]
 _NO_DATE: str = WORDS["stamps"]["no_date"]
-_COUNTED = re.compile(r"^\s*(\d{4}-W\d\d-\d|\d{4}-\d{3})(T|\s|$)")  # dates that count weeks, or days of the year
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
 _ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)|\b([A-Z]{3,4})[)\]]?$")  # in the name of a column
@@ -43,8 +41,6 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
     NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text = pc.replace_substring_regex(pa.array(words, pa.string()), _NO_DATE, "")
-    if pc.any(pc.match_substring_regex(text, _COUNTED.pattern)).as_py():
-        text = pa.array([_COUNTED.sub(_by_month, word) for word in text.to_pylist()], pa.string())
     rest, of_day = np.arange(len(words)), False
     micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
@@ -63,7 +59,7 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
 
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
-    text = _COUNTED.sub(_by_month, re.sub(_NO_DATE, "", text))
+    text = re.sub(_NO_DATE, "", text)
     if ":" in text and re.match(_OF_DAY, text):
         return "clock"
     found = re.match(_DATED, text)
@@ -72,19 +68,6 @@ def stamp_kind(text: str) -> str:
     found = found or re.match(_DATED, text)
     known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
     return "time" if known or re.match(_COMPACT, text) else ""
-
-
-def _by_month(date: re.Match[str]) -> str:
-    """2026-03-17 for 2026-W12-2 and for 2026-076; a day that does not exist stays as it is."""
-    return _day_of_year(date[1]) + date[2]
-
-
-@lru_cache(1 << 10)
-def _day_of_year(text: str) -> str:
-    try:
-        return f"{datetime.strptime(text, '%G-W%V-%u' if 'W' in text else '%Y-%j'):%Y-%m-%d}"
-    except ValueError:
-        return text
 
 
 def _is_open(micros: IntArray) -> NDArray[np.bool_]:
@@ -145,11 +128,12 @@ def full_year(year: IntArray) -> IntArray:
 
 
 def days_of(year: IntArray, month: IntArray, day: IntArray) -> NDArray[np.datetime64]:
-    """Days as datetime64, NaT where there is no such day."""
-    bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
-    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
+    """Days as datetime64, NaT where there is no such day. In month 0 they are counted through the year."""
+    bad = (month < 0) | (month > 12) | (day < 1) | (day > 366) | (year < 1) | (year > 9999)
+    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month).clip(1) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
-    return np.where(bad | (days.astype("datetime64[M]") != months), np.datetime64("NaT"), days)
+    other = np.where(month == 0, days.astype("M8[Y]") != months.astype("M8[Y]"), days.astype("M8[M]") != months)
+    return np.where(bad | other, np.datetime64("NaT"), days)
 
 
 def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
@@ -215,10 +199,8 @@ class StampReader:
         given = dict(zip(self.units, numbers, strict=True))
         if "year" in given:
             part = {u: np.clip(np.nan_to_num(given[u]), 0.0, 9999.0).astype(np.int64) for u in DATE if u in given}
-            first = np.ones(len(numbers[0]), np.int64)
-            days = days_of(full_year(part["year"]), part.get("month", first), part.get("day", first))
-            ahead = part.get("dayofyear", first) - 1
-            days = np.where((ahead < 0) | (ahead > 365), np.datetime64("NaT"), days + ahead)
+            day = part["dayofyear" if "dayofyear" in part else "day"]
+            days = days_of(full_year(part["year"]), part.get("month", np.zeros_like(day)), day)
             stamps = days.astype("M8[us]").astype(np.int64)
             self._seen(stamps, np.zeros(len(stamps), bool))
         elif 2 * np.isfinite(numbers[0]).sum() > len(numbers[0]):

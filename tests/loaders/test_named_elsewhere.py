@@ -1,4 +1,4 @@
-"""Exports whose dates, signals or loops are named in a way of their own: by week, by script, beside the table."""
+"""Exports whose dates, signals or loops are named in a way of their own: by day of the year, by script, beside the table."""
 
 # One line per way of writing reads better than wrapped ones.
 # ruff: noqa: E501
@@ -51,9 +51,8 @@ EXPORTS = {
     "levels_of_one_loop": Export({f"{k}.csv": f"loop,{loop},{loop},{loop}\nsignal,OP,PV,SP\ntime,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
     "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}, notes=("bare_pv",)),
     "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}, loops={"A/FIC101": "FIC101", "A/PIC303": "PIC303"}, settings=SETTINGS.replace("loops.", "loops.'A/").replace("]\nK", "']\nK"), notes=("bare_pv",)),
-    "iso_week": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%uT%H:%M:%S"))}),
-    "iso_week_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%G-W%V-%u %H:%M:%S.000+00:00"))}),
     "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
+    "day_of_the_year_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%jT%H:%M:%S.000Z"))}),
     "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
     "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
     "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
