@@ -83,10 +83,6 @@ class Recipe(Frozen):
         return sum(len(item.axis) for item in self.series.roles.get("pv", ()))
 
 
-def _further(loop: LoopSeries) -> str:
-    return f" (further columns: {some([*loop.extra])})" if loop.extra else ""
-
-
 @dataclass
 class _Making:
     """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
@@ -116,9 +112,10 @@ class _Making:
         tags = Counter(tag for role in ("sp", "pv", "op") for tag in {item.tag for item in loop.roles.get(role, ())})
         if tags.total() > len(tags):
             raise LoopError(**explained("same_tag", tag=tags.most_common(1)[0][0]))
+        further = f" (further columns: {some([*loop.extra])})" if loop.extra else ""
         if "pv" not in loop.roles:
-            there = ", ".join(role.upper() for role in loop.roles) + f" only{_further(loop)}"
-            raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))
+            there = ", ".join(role.upper() for role in loop.roles)
+            raise LoopError(**explained("no_pv", there=there, further=further, loop=loop.name[:40]))
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
             self.joiner.only = begin, end
@@ -162,7 +159,7 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [noted(code, {"loop": loop.name}, further=_further(loop))
+        missing = [noted(code, {"loop": loop.name}, further=further)
                    for code, values in (("no_setpoint", sp), ("no_output:column", op)) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (
             ("wild", "filled", "frozen", "saturated", "missing"), ("apart", "copied", "setpoint", "output"),

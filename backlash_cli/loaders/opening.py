@@ -411,15 +411,12 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 
 
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
-    """Put tags in the place of short names of a header where lines above say so: A;FIC101.SP;Feed, or B = FIC101.PV.
-    Return the header alone then, else the lines as they are."""
-    told: dict[str, str] = {}
-    for cells in before.values():
-        words = [word.strip(" #\"'") for cell in cells for word in re.split(r"\s=\s|:\s", cell) if word.strip()]
-        if (tags := [*filter(is_whole, words[1:])]) and not is_whole(words[0]):  # Feed setpoint describes FIC101.SP
-            told[words[0]] = min(tags, key=lambda tag: " " in tag)
+    """Return the header above the data alone, with tags in the place of short names where the lines before say so, as
+    A;FIC101.SP;Feed setpoint does; all lines as they are where none does."""
+    told = {cells[0].strip(" #"): tag for cells in before.values()
+            if (tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
-    return before if header is None else {header: [told.get(cell.strip(), cell) for cell in before[header]]}
+    return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
 
 
 def _spans(cells: list[str], width: int) -> bool:

@@ -19,7 +19,7 @@ from ..selection import choose, fits, parse_since
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
-from .names import explained, noted, split_tag
+from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
@@ -214,8 +214,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     if {True, False} <= {zone for items in series.roles.values() for item in items for zone in item.axis.zones}:
         notes += (noted("mixed_zones"),)
-    if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or split_tag(pv[0].tag).loop not in (
-            "", pv[0].loop)) and not (values and values.values.get("pv")):
+    if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or pv[0].loop.lower() != origin.lower()) and not (
+            values and values.values.get("pv")):
         notes += (noted("bare_pv", tag=pv[0].tag[:60], loop=name[:60]),)
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 

@@ -27,6 +27,7 @@ from .states import good_samples
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
 PIECE = 1 << 20  # rows that are looked at together
+_BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
@@ -263,8 +264,6 @@ class Signal(Frozen, eq=False):
 def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says."""
     explicit, asked = explicit_tags(metadata)
-    blocks = _controllers_of_blocks(series, metadata)
-    series = [replace(item, loop=blocks[item.loop]) if item.loop in blocks else item for item in series]
     loops: dict[str, LoopSeries] = {}
 
     def own(name: str) -> LoopSeries:
@@ -273,7 +272,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
     present = {item.loop for item in series if item.loop} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    counts = Counter(found.values())
+    counts = Counter({_BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}
     for item in series:
@@ -287,10 +286,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     bare = defaultdict[str, list[Series]](list)
     for item in series:
         bare["" if item.loop else bare_tag(item.tag)].append(item)
+    for name, one in loops.items():  # FIC101.DACA.PV beside FIC101.PIDA.SP
+        bare[bare_tag(_BLOCK.sub("", name))] += one.roles["pv"] if one.roles.keys() == {"pv"} else []
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
-        values = bare.get(bare_tag(name)) or next(
+        values = bare.get(bare_tag(_BLOCK.sub("", name))) or next(
             (items for signal, items in one.extra.items() if plain(signal) in COLUMNS["value"]), None)
-        if one.roles and values and "pv" not in asked.get(name, {}):
+        if one.roles and values and len({item.loop for item in values}) == 1 and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
         outputs = one.roles.get("op", [])
         measured = [item for item in outputs if plain(item.signal) == "mv"]  # beside OUT it is the measured value
@@ -299,22 +300,6 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles}
-
-
-def _controllers_of_blocks(series: Sequence[Series], metadata: Metadata) -> dict[str, str]:
-    """Return FIC101 for FIC101.DACA and FIC101.PIDA, of which one has PV alone, the other SP or OP without it: blocks
-    of a controller are called after the tag above them, which has a number, and have none of two digits themselves."""
-    roles, blocks = defaultdict[str, set[str]](set), defaultdict[str, list[str]](list)
-    for item in series:
-        if item.role in ("sp", "pv", "op"):
-            roles[item.loop].add(item.role)
-    for name in sorted(roles, key=lambda name: "pv" in roles[name]):
-        parent, _, block = name.replace("/", ".").rpartition(".")
-        if re.search(r"[^\W\d].*\d", parent) and not re.search(r"\d\d", block):
-            blocks[name[: len(parent)]].append(name)
-    return {name: parent for parent, names in blocks.items() for name in names
-            if parent not in roles and metadata.loops.keys().isdisjoint(names)
-            and len(names) == 2 and "pv" not in roles[names[0]] and roles[names[1]] == {"pv"}}
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:

@@ -31,7 +31,7 @@ from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Source, stem_of, told_by
 from .states import mode_words
-from .times import StampReader, micros_of, stamp_kind
+from .times import StampReader, micros_of
 
 TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
@@ -209,17 +209,14 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     if kind == "parquet":
         taken(path.stat().st_size)
     parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
-        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(stem, None)])
+        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(path.name, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
-        partition = source.partition
-        if kind == "archive":
-            *folders, file = name.split("/")
-            name, partition = undated(stem_of(Path(file))), partition | told_by((stem, *folders), file)
-        elif kind == "workbook":  # with a sheet for each day, or for each loop
-            name = stem if len(parts) == 1 or stamp_kind(name) == "time" else undated(name)
+        *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
+        partition = source.partition | (told_by((stem, *folders), file) if opened else {})
+        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(Path(file)))
         try:
             table = ParquetTable(path, stem, options, partition) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, partition)

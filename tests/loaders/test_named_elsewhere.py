@@ -15,7 +15,7 @@ import pytest
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 
-from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
 from .test_layouts import comma, same_recording
 from .test_more_layouts import packed, renamed, row
 
@@ -44,13 +44,13 @@ EXPORTS = {
     "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
     "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
     "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
-    "legend_with_signs": Export({"plant.csv": "".join(f"# {short} = {n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
+    "legend_behind_marks": Export({"plant.csv": "".join(f"# {short},{n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
     "levels_of_one_loop": Export({f"{k}.csv": f"loop,{loop},{loop},{loop}\nsignal,OP,PV,SP\ntime,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
-    "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}, notes=("bare_pv",)),
-    "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}, loops={"A/FIC101": "FIC101", "A/PIC303": "PIC303"}, settings=SETTINGS.replace("loops.", "loops.'A/").replace("]\nK", "']\nK"), notes=("bare_pv",)),
+    "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}),
+    "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}),
     "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
     "day_of_the_year_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%jT%H:%M:%S.000Z"))}),
     "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
@@ -83,6 +83,18 @@ def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, enc
     assert record.loop == "FIC101" and record.output is not None
     low, high = record.settings.pv_range
     np.testing.assert_allclose(low + record.measurement * (high - low), SIGNALS["FIC101.PV"], atol=1e-6)
+
+
+def test_the_measurement_may_stand_in_another_block_of_the_controller(tmp_path):
+    """Without settings the loop is called after the block of the controller, and the report says what its PV is."""
+    of_blocks = renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP")
+    (tmp_path / "plant.csv").write_text(wide(name=of_blocks))
+    plant = read(tmp_path)
+    assert [r.loop for r in plant] == ["FIC101.PIDA", "PIC303.PIDA"] and not plant.failures
+    assert any(note.code == "bare_pv" and "FIC101.DACA.PV" in note.message for note in plant["FIC101.PIDA"].notes)
+    (tmp_path / "plant.csv").write_text(wide(name=of_blocks).replace("PIC303.PIDA.SP", "FIC101.AI2.PV"))
+    failure, = (note for note in read(tmp_path).failures if note.values["loop"] == "FIC101.PIDA")  # which of two?
+    assert failure.code == "no_measurement"
 
 
 @pytest.mark.parametrize("name", ["FIC101_20260317", "FIC101 2026-03-18 0800", "FIC101_18.03.2026", "FIC101-18-03-2026"])
