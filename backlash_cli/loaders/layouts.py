@@ -26,8 +26,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
-    cells look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101.
-    The rest is of text: first_line and offset, where data begin; end: of what was looked at; header: line above the
+    cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name, or "". The rest is
+    of text: first_line and offset, where data begin; end: of what was looked at; header: line above the
     data that may not come again, as another tag would follow."""
 
     where: str
@@ -35,7 +35,7 @@ class Head(Frozen):
     names: tuple[str, ...]
     columns: tuple[pa.ChunkedArray, ...]
     kinds: tuple[str, ...]
-    partition: dict[str, str]
+    home: str
     decimal: str = "."
     delimiter: str = ""
     first_line: int = 0
@@ -285,17 +285,11 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
+    home = head.home
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
-    loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
-    rest = [v for k, v in head.partition.items() if plain(k) in TAG]
-    home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
-    if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
-        home = f"{loop or next(v for v in rest if v != role)}.{role}"
-    elif loop and signal_role(stem):  # FIC101/PV.csv
-        home = f"{loop}.{stem}"
     by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:

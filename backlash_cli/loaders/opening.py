@@ -261,7 +261,7 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
+def head_of(text: Text, stem: str, home: str) -> Head:
     """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
     (lines, end), options, where = lines_of(text.head), text.options, text.where
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
@@ -276,7 +276,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
             text.rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
                          for block in chain([text.head], text.rest))
             text.head = next(text.rest)
-            return head_of(text, stem, partition)
+            return head_of(text, stem, home)
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))
@@ -314,7 +314,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    return Head(where, title if titled else stem, names, (), kinds, partition,
+    return Head(where, title if titled else stem, names, (), kinds, home,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
 

@@ -28,11 +28,11 @@ _PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECAS
 
 
 class Source(Frozen):
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
+    """One file to read. home: the loop, or the tag, that folders on the way to it name, or "". beside: names of all
     files in its folder, None where they were not listed."""
 
     path: Path | Remote
-    partition: dict[str, str] = field(default_factory=dict)
+    home: str = ""
     beside: frozenset[str] | None = field(default=None, repr=False)
 
     def mark(self) -> str:
@@ -84,14 +84,16 @@ def _below(folder: Path | Remote) -> list[Source]:
     return found
 
 
-def told_by(folders: Sequence[str], name: str) -> dict[str, str]:
-    """Return what folders on the way to a file tell: values of key=value, and the loop of a file called after none."""
-    partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in folders) if equals}
-    # the nearest folder that is called after something: no key=value, no date
-    home = next((part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)), "")
-    stem, named = stem_of(Path(name)), any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
-    nameless = _PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"
-    return {**partition, "loop": home} if home and not named and nameless else partition
+def told_by(folders: Sequence[str], name: str) -> str:
+    """Return what the folders on the way to a file say of it, as loop=FIC101 or tag=FIC101.PV do; of a file that is
+    called after its signal, its day or its number alone, the nearest folder that is called after something."""
+    told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
+    loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
+    stem = stem_of(Path(name))
+    if not loops and not tags and (_PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
+        loops = [part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
+    signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
+    return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
 
 
 def is_export(name: str) -> bool:

@@ -45,9 +45,9 @@ Batch = dict[int, pa.ChunkedArray]
 class TextTable:
     """A text file as a table: its first rows, then all of it in batches of columns."""
 
-    def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
+    def __init__(self, text: Text, stem: str, home: str) -> None:
         self.text, self.where = text, text.where
-        self.head = head_of(text, stem, partition)
+        self.head = head_of(text, stem, home)
         self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
         self._stacked = False  # one of them is the header of another table
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
@@ -140,7 +140,7 @@ def _damaged(problem: str, path: Any) -> InputError:
 class ParquetTable:
     """A Parquet file as a table, or as rows whose columns are read when asked for, also in another process."""
 
-    def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
+    def __init__(self, path: Any, stem: str, options: ReadOptions, home: str) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
         open_parquet.cache_clear()  # the file may have changed
         file = open_parquet(path)
@@ -163,7 +163,7 @@ class ParquetTable:
         words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
                  for c in first]
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
-        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, partition, decimal_sign(
+        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, home, decimal_sign(
             [word for own in words for word in own if kind(word) == "number"], "."))
         self.decimal, self.notes = self.head.decimal, list[Note]()
 
@@ -215,11 +215,11 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     problems: list[InputError] = []
     for name, opened in parts:
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
-        partition = source.partition | (told_by((stem, *folders), file) if opened else {})
+        home = told_by((stem, *folders), file) if opened else source.home
         name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(Path(file)))
         try:
-            table = ParquetTable(path, stem, options, partition) if kind == "parquet" else TextTable(
-                Text(path, options, taken, opened), name, partition)
+            table = ParquetTable(path, stem, options, home) if kind == "parquet" else TextTable(
+                Text(path, options, taken, opened), name, home)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
