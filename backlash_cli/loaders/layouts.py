@@ -26,9 +26,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
-    cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name, or "". The rest is
-    of text: first_line and offset, where data begin; end: of what was looked at; header: line above the
-    data that may not come again, as another tag would follow."""
+    cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
+    first_line, offset: where data begin. end: of what was looked at. header: a line that may not come again."""
 
     where: str
     stem: str
@@ -285,7 +284,6 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
-    home = head.home
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
@@ -299,7 +297,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
         elif only and (not name or head.plain[i] in VALUE or (not tags[i].loop and split_tag(stem).role in SIGNALS)):
-            name = stem if split_tag(stem).role in SIGNALS and not split_tag(home).role else home or stem
+            name = stem if split_tag(stem).role in SIGNALS and not split_tag(head.home).role else head.home or stem
         elif by_signal:  # the file, or sheet, of all PV with a column per loop
             name = f"{name}.{stem}"
         one = of_tag(head, layout, name, i, place)
@@ -308,8 +306,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
                 tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
             if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
                 one = replace(one, loop=owner, role="mode")
-        if alone and (home or not one.loop or not one.role):
-            one = replace(one, loop=home or stem, signal=one.signal if one.role or not one.loop else header)
+        if alone and (head.home or not one.loop or not one.role):
+            one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)
     if not found:
         raise InputError(**explained("no_signals", shown=some(head.names)), where=head.where)

@@ -72,11 +72,9 @@ def _below(folder: Path | Remote) -> list[Source]:
     for *parts, name in files:
         if not any(part.startswith((".", "_")) for part in parts):
             listed[tuple(parts)].append(name)
-    found: list[Source] = []
-    for way_down, names in sorted(listed.items()):
-        here, beside = reduce(truediv, way_down, folder), frozenset(names)
-        found += [Source(here / name, told_by((folder.name, *way_down), name), beside)
-                  for name in sorted(filter(is_export, names))]
+    folders = sorted((way, frozenset(names)) for way, names in listed.items())
+    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name), beside)
+             for way, beside in folders for name in sorted(filter(is_export, beside))]
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {some(other)}" if other else "; it is empty"
@@ -89,7 +87,7 @@ def told_by(folders: Sequence[str], name: str) -> str:
     called after its signal, its day or its number alone, the nearest folder that is called after something."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
-    stem = stem_of(Path(name))
+    stem = stem_of(name)
     if not loops and not tags and (_PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
         loops = [part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
@@ -103,10 +101,10 @@ def is_export(name: str) -> bool:
         r"(?:^|\.)(?:loops|truth)\.csv(?:\.\w+)?$", name, re.IGNORECASE)
 
 
-def stem_of(path: Path | Remote) -> str:
+def stem_of(name: str) -> str:
     """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    found = _FILE.fullmatch(path.name)
-    return found["stem"] if found else path.name
+    found = _FILE.fullmatch(name)
+    return found["stem"] if found else name
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
@@ -123,7 +121,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
         folder, beside = source.path.parent, source.beside
-        found.append(first(folder, f"{stem_of(source.path)}.loops", f"{source.path.name}.loops", beside=beside)
+        found.append(first(folder, f"{stem_of(source.path.name)}.loops", f"{source.path.name}.loops", beside=beside)
                      or first(folder, "loops", beside=beside))
     if not any(found):
         found = [first(path.absolute().parent, "loops") for path in folders]

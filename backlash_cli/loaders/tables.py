@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate, chain, islice
-from pathlib import Path
 from sys import intern
 from typing import Any
 
@@ -204,7 +203,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
     needed: says whether samples of a signal are. taken: called with the bytes that were read."""
-    path, stem = source.path, undated(stem_of(source.path))
+    path, stem = source.path, undated(stem_of(source.path.name))
     kind = kind_of(path)
     if kind == "parquet":
         taken(path.stat().st_size)
@@ -216,7 +215,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     for name, opened in parts:
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
         home = told_by((stem, *folders), file) if opened else source.home
-        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(Path(file)))
+        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(file))
         try:
             table = ParquetTable(path, stem, options, home) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, home)
