@@ -397,9 +397,6 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
     whole, signals = any(map(is_whole, names)), [i for i, name in enumerate(names) if signal_role(name)]
-    for other in () if whole else rows[:best]:  # FIC101, FIC101, FIC101 above SP, PV, OP
-        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]):
-            return tuple(_joined(names, other, kinds))
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
@@ -407,6 +404,9 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             joined = _joined(names, other, kinds)
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
+    for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
+        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]):
+            return tuple(_joined(names, other, kinds))
     return tuple(names)
 
 

@@ -128,11 +128,12 @@ def full_year(year: IntArray) -> IntArray:
 
 
 def days_of(year: IntArray, month: IntArray, day: IntArray) -> NDArray[np.datetime64]:
-    """Days as datetime64, NaT where there is no such day. In month 0 they are counted through the year."""
-    bad = (month < 0) | (month > 12) | (day < 1) | (day > 366) | (year < 1) | (year > 9999)
-    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month).clip(1) - 1).astype("datetime64[M]")
+    """Days as datetime64, NaT where there is no such day; in the month of `dayofyear` counted through the year."""
+    whole = month == MONTH["dayofyear"]
+    bad = (month < 1) | ((month > 12) & ~whole) | (day < 1) | (day > 366) | (year < 1) | (year > 9999)
+    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad | whole, 1, month) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
-    other = np.where(month == 0, days.astype("M8[Y]") != months.astype("M8[Y]"), days.astype("M8[M]") != months)
+    other = np.where(whole, days.astype("M8[Y]") != months.astype("M8[Y]"), days.astype("M8[M]") != months)
     return np.where(bad | other, np.datetime64("NaT"), days)
 
 
@@ -200,7 +201,7 @@ class StampReader:
         if "year" in given:
             part = {u: np.clip(np.nan_to_num(given[u]), 0.0, 9999.0).astype(np.int64) for u in DATE if u in given}
             day = part["dayofyear" if "dayofyear" in part else "day"]
-            days = days_of(full_year(part["year"]), part.get("month", np.zeros_like(day)), day)
+            days = days_of(full_year(part["year"]), part.get("month", np.full_like(day, MONTH["dayofyear"])), day)
             stamps = days.astype("M8[us]").astype(np.int64)
             self._seen(stamps, np.zeros(len(stamps), bool))
         elif 2 * np.isfinite(numbers[0]).sum() > len(numbers[0]):

@@ -48,6 +48,7 @@ EXPORTS = {
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
+    "levels_of_area_loop_and_signal": Export({"plant.csv": "area" + ",Unit1" * 6 + "\n" + ",".join(["loop", *(n[:6] for n in SIGNALS)]) + "\n" + ",".join(["signal", *(n[7:] for n in SIGNALS)]) + "\ntime,,,,,,\n" + wide().split("\n", 1)[1]}),
     "levels_of_one_loop": Export({f"{k}.csv": f"loop,{loop},{loop},{loop}\nsignal,OP,PV,SP\ntime,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
     "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}),
     "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}),
@@ -74,7 +75,7 @@ def test_an_export_with_names_of_its_own_gives_the_recording(key, tmp_path):
     ("Data e ora;Setpoint;Variabile di processo;Uscita", "utf-8"), ("Tid;Settpunkt;Måleverdi;Pådrag", "utf-8"),
     ("Čas;Žádaná hodnota;Měřená hodnota;Akční veličina", "cp1250"), ("시간;설정값;측정값;출력값", "cp949"),
     ("Метка времени;Уставка;Текущее значение;Выход регулятора", "cp1251"),
-    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932")])
+    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"), ("時間;設定值;量測值;輸出", "big5")])
 def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, encoding):
     rows = zip(STAMPS, *(SIGNALS[f"FIC101.{signal}"] for signal in ("SP", "PV", "OP")), strict=True)
     lines = [header, *(";".join([f"{stamp:%Y-%m-%d %H:%M:%S}", *map(str, values)]) for stamp, *values in rows)]
@@ -104,6 +105,12 @@ def test_a_loop_is_not_called_after_the_day_of_its_file(tmp_path, name):
     (tmp_path / f"{name}.csv").write_text(days[1])
     (tmp_path / "FIC101_2026-03-17.csv").write_text(days[0])
     assert [(r.loop, len(r)) for r in read(tmp_path)] == [("FIC101", ROWS)]
+
+
+def test_a_month_that_does_not_exist_is_no_date(tmp_path):
+    (tmp_path / "plant.csv").write_text(wide(lambda t: t.strftime("%Y-00-%d %H:%M:%S")))
+    with pytest.raises(BacklashError, match="2026-00-17"):
+        read(tmp_path / "plant.csv")
 
 
 @pytest.mark.parametrize(("header", "said"), [
