@@ -250,9 +250,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    # a report names the tag, or the loop, in the first row of its block
-    in_blocks = any(2 * head.columns[i].null_count > len(head.columns[i]) for i in layout.naming)
-    above, below = np.full(1, -1, np.int32), 0
+    # reports and merged cells name a tag, a loop or a signal in the first row of its block
+    above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
+        2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
@@ -268,11 +268,11 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
-            group = np.append(above, _numbered(batch, layout.naming, head, tags))
-            if in_blocks:
-                below += int(np.count_nonzero(group[1:] < 0))
-                group = group[np.maximum.accumulate(np.where(group >= 0, np.arange(len(group)), 0))]
-            piece["group"], above = group[1:], group[-1:]
+            for i, last in above.items():
+                cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
+                cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
+                above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
+            piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
     # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.
     # Of words that are the same behind their last digit, as numbers with a unit are, one is looked at
@@ -280,8 +280,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     if sum(any(word in head.names or (end != word and is_whole(word)) for end, word in told.items())
            for told in ends.values()) > 1:
         raise InputError(**explained("stacked"), where=head.where)
-    if below:
-        table.notes.append(noted("named_above", rows=below, column=head.names[layout.naming[0]]))
+    table.notes += [noted("named_above", column=head.names[i]) for i in above]
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
