@@ -12,6 +12,7 @@ WORDS, explained, noted = _OWN.tables, _OWN.explained, _OWN.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
+BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ ])+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}

@@ -201,9 +201,8 @@ def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:
     """Return the encoding of text that begins with `head`. Raises InputError for binary data."""
-    for encoding in ("utf-32", "utf-16"):  # a mark of utf-16 begins one of utf-32
-        if head.startswith(_MARKS[encoding]):
-            return encoding
+    if marked := next((encoding for encoding, marks in _MARKS.items() if head.startswith(marks)), ""):
+        return marked  # of utf-32 first, whose mark begins with that of utf-16
     if options.encoding:
         return options.encoding.lower().replace("utf8", "utf-8")
     sample = head[:SAMPLE]
@@ -217,8 +216,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def code_page(head: bytes) -> str:
-    """Return the code page that makes known names, stamps or qualities of most cells of a text which is not UTF-8; the
-    Western European one where none does."""
+    """Return the code page that makes known names, stamps or qualities of most cells, else the Western European one."""
     def known(page: str) -> int:
         cells = {*re.split(r'[,;\t|"\r\n]+', head[:SAMPLE].decode(page, "ignore"))}
         return sum(bool(is_column(c, *COLUMNS) or split_tag(c).role or kind(c) == "time" or quality_words([c], "named"))
@@ -411,8 +409,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 
 
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
-    """Return the header above the data alone, with tags in the place of short names where the lines before say so, as
-    A;FIC101.SP;Feed setpoint does; all lines as they are where none does."""
+    """Put tags in the place of a header's short names where lines before say so, as A;FIC101.SP;Feed setpoint does."""
     told = {cells[0].strip(" #"): tag for cells in before.values()
             if (tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)

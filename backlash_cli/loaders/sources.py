@@ -83,8 +83,8 @@ def _below(folder: Path | Remote) -> list[Source]:
 
 
 def told_by(folders: Sequence[str], name: str) -> str:
-    """Return what the folders on the way to a file say of it, as loop=FIC101 or tag=FIC101.PV do; of a file that is
-    called after its signal, its day or its number alone, the nearest folder that is called after something."""
+    """Return the loop, or tag, that folders on the way to a file name, as loop=FIC101 does; the nearest that is called
+    after something where the file is called after its signal, its day or its number alone."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
     stem = stem_of(name)
