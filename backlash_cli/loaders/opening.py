@@ -403,15 +403,16 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
     for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
-        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]):
+        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
+                not other[0] or is_column(other[0], "loop", "tag")):
             return tuple(_joined(names, other, kinds))
     return tuple(names)
 
 
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
     """Put tags in the place of a header's short names where lines before say so, as A;FIC101.SP;Feed setpoint does."""
-    told = {cells[0].strip(" #"): tag for cells in before.values()
-            if (tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
+    told = {cells[0].strip(" #"): tag for cells in before.values() if not is_whole(cells[0]) and (
+        tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
     return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
 

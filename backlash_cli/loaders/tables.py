@@ -250,7 +250,6 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    # reports and merged cells name a tag, a loop or a signal in the first row of its block
     above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
         2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
@@ -268,7 +267,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
-            for i, last in above.items():
+            for i, last in above.items():  # a report, as merged cells, names a tag in the first row of its block
                 cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
                 cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
                 above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])

@@ -109,6 +109,14 @@ def test_a_loop_is_not_called_after_the_day_of_its_file(tmp_path, name):
     assert [(r.loop, len(r)) for r in read(tmp_path)] == [("FIC101", ROWS)]
 
 
+def test_what_stands_above_tags_is_no_legend_and_an_area_above_signals_no_loop(tmp_path):
+    sources = "".join(f"{n},DCS1.{n.replace('.', '_')}\n" for n in SIGNALS)
+    (tmp_path / "plant.csv").write_text("Tag,Source\n" + sources + "\n" + wide())
+    assert [r.loop for r in read(tmp_path / "plant.csv")] == ["FIC101", "PIC303"]
+    (tmp_path / "FIC101.csv").write_text("area,Unit1,Unit1,Unit1\n" + single("FIC101"))
+    assert [r.loop for r in read(tmp_path / "FIC101.csv")] == ["FIC101"]
+
+
 def test_a_month_that_does_not_exist_is_no_date(tmp_path):
     (tmp_path / "plant.csv").write_text(wide(lambda t: t.strftime("%Y-00-%d %H:%M:%S")))
     with pytest.raises(BacklashError, match="2026-00-17"):
