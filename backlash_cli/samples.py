@@ -27,9 +27,7 @@ FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie ou
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    padded = np.zeros(len(flags) + 2, bool)
-    padded[1:-1] = flags
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     return edges[0::2], edges[1::2]
 
 

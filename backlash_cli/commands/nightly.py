@@ -27,7 +27,7 @@ from ..results.history import Place, missing_days
 from ..scanning import ScanOptions
 from .history import read_profile
 from .options import Export
-from .scan import Job, kept, undated
+from .scan import Job, kept
 from .terminal import emit, refusal, say
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
@@ -144,7 +144,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
                 done["failed"].append(name)
                 log("failed", "error", night=name, reason=getattr(error, "strerror", None) or str(error))
                 continue
-            outcome = store.add(undated(scan), export=(key, fingerprint))
+            outcome = store.add(scan, export=(key, fingerprint))
         if job.taken_over:
             log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest

@@ -17,7 +17,6 @@ from ..engines.local import answers
 from ..errors import BacklashError, UsageError, some
 from ..history.store import History
 from ..history.unfinished import Unfinished
-from ..loaders import names
 from ..loaders.plant import OpenPlant, open_plant
 from ..loaders.sources import find_sources
 from ..places import Remote
@@ -182,7 +181,7 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
 def remember(result: ScanResult, history: Path, job: Job) -> None:
     """Store a scan's nights. Several exports of the same loops, joined for the report, are stored one by one."""
     with History(history, create=True, say=say) as store:
-        outcome = store.add(*map(undated, _one_by_one(result, job) or [result]))
+        outcome = store.add(*(_one_by_one(result, job) or [result]))
     if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
         say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
             "times")
@@ -206,8 +205,3 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
         except BacklashError as error:
             say(f"this export is no night of the history: {source.path.name}: {error}")
     return found
-
-
-def undated(result: ScanResult) -> ScanResult:
-    """Return the result with the dates taken off loop names that come from dated files (FIC101_20260302_2155.csv)."""
-    return replace(result, loops=tuple(replace(r, loop=names.undated(r.loop)) for r in result.loops))

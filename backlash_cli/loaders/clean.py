@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LoopError
+from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
 from ..samples import judged, state_notes
 from ..settings import LoopValues, settings_of
@@ -112,9 +112,10 @@ class _Making:
         tags = Counter(tag for role in ("sp", "pv", "op") for tag in {item.tag for item in loop.roles.get(role, ())})
         if tags.total() > len(tags):
             raise LoopError(**explained("same_tag", tag=tags.most_common(1)[0][0]))
+        further = f" (further columns: {some([*loop.extra])})" if loop.extra else ""
         if "pv" not in loop.roles:
             there = ", ".join(role.upper() for role in loop.roles)
-            raise LoopError(**explained("no_pv", there=there, loop=loop.name[:40]))
+            raise LoopError(**explained("no_pv", there=there, further=further, loop=loop.name[:40]))
         settings, first_chunk = settings_of(self.recipe.values), self.grid is None
         if end is not None:
             self.joiner.only = begin, end
@@ -158,8 +159,8 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [noted(code, {"loop": loop.name}) for code, values in (("no_setpoint", sp), ("no_output:column", op))
-                   if values is None]
+        missing = [noted(code, {"loop": loop.name}, further=further)
+                   for code, values in (("no_setpoint", sp), ("no_output:column", op)) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (
             ("wild", "filled", "frozen", "saturated", "missing"), ("apart", "copied", "setpoint", "output"),
             ("manual",))]

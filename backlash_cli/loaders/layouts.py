@@ -13,7 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored
-from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag, undated
+from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -25,17 +25,16 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
 class Head(Frozen):
-    """The first rows of a file, not yet interpreted. where: path. stem: file name without endings. kinds: what cells
-    look like ("time", "clock", "number", "text"), or "". partition: names and values of folders like loop=FIC101. The
-    rest is of text: first_line and offset, where data begin; end: of what was looked at; header: line above the data
-    that may not come again, as another tag would follow."""
+    """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
+    cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
+    first_line, offset: where data begin. end: of what was looked at. header: a line that may not come again."""
 
     where: str
     stem: str
     names: tuple[str, ...]
     columns: tuple[pa.ChunkedArray, ...]
     kinds: tuple[str, ...]
-    partition: dict[str, str]
+    home: str
     decimal: str = "."
     delimiter: str = ""
     first_line: int = 0
@@ -212,7 +211,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
              if not is_column(head.names[i], "quality")]
     named = [i for i in texts if head.plain[i] in TAG]
-    if roles:
+    if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
         rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
         groups = [i for i in rest if head.plain[i] in GROUPS] or [i for i in rest if i in named] or rest
         if groups:
@@ -284,19 +283,11 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
 def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
-    pairs, marks, tags = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags
+    pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
-    loop = next((v for k, v in head.partition.items() if plain(k) in LOOP), "")
-    rest = [v for k, v in head.partition.items() if plain(k) in TAG]
-    home = loop or (rest[0] if rest else "")  # what the folders name: loop=FIC101, or tag=FIC101.PV
-    if (role := next((v for v in rest if signal_role(v)), "")) and (loop or len(rest) > 1):
-        home = f"{loop or next(v for v in rest if v != role)}.{role}"
-    elif loop and signal_role(head.stem):  # FIC101/PV.csv
-        home = f"{loop}.{head.stem}"
-    stem = undated(head.stem)
     by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
@@ -306,7 +297,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
         elif only and (not name or head.plain[i] in VALUE or (not tags[i].loop and split_tag(stem).role in SIGNALS)):
-            name = stem if split_tag(stem).role in SIGNALS and not split_tag(home).role else home or stem
+            name = stem if split_tag(stem).role in SIGNALS and not split_tag(head.home).role else head.home or stem
         elif by_signal:  # the file, or sheet, of all PV with a column per loop
             name = f"{name}.{stem}"
         one = of_tag(head, layout, name, i, place)
@@ -315,8 +306,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
                 tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
             if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
                 one = replace(one, loop=owner, role="mode")
-        if alone and (home or not one.loop or not one.role):
-            one = replace(one, loop=home or head.stem, signal=one.signal if one.role or not one.loop else header)
+        if alone and (head.home or not one.loop or not one.role):
+            one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)
     if not found:
         raise InputError(**explained("no_signals", shown=some(head.names)), where=head.where)

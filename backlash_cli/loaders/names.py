@@ -12,17 +12,19 @@ WORDS, explained, noted = _OWN.tables, _OWN.explained, _OWN.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
+BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ ])+)([^.,\-_/:\\|#$~ ]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
-_JOINED = re.compile(r"^(.*\d)(SP|SV|PV|OP|MV|CO|OUT|MODE|MD)$")  # FIC101PV
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|\.\w+@\w+$")  # \\SERVER\, .UNIT1@NET0
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
-_DATED = re.compile(r"(?:[ _.-]+(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
+_DATED = re.compile(r"(?:[ _.-]+(?:(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
+                    r"|(?:0[1-9]|[12]\d|3[01])[-_.](?:0[1-9]|1[0-2])[-_.](?:19|20)\d\d)"
                     r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
+_GLUED = re.compile(r"(?<=\d)(?=(?:SP|SV|PV|OP|MV|CO|OUT|MODE|MD|[\u2e80-\u9fff\uac00-\ud7af]+)$)")  # FIC101PV
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -89,7 +91,7 @@ def _labelled(name: str) -> str:
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
-    name = _SERVER.sub("", text.strip())
+    name = _GLUED.sub(" ", _SERVER.sub("", text.strip()))
     name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
@@ -105,8 +107,7 @@ def split_tag(text: str) -> Tag:
             is_column(bracket[2], "statistic")) else before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
-        glued = None if signal_role(name) else _JOINED.match(name)
-        return Tag(glued[1], signal_role(glued[2]), glued[2]) if glued else Tag("", signal_role(name), name)
+        return Tag("", signal_role(name), name)
     last, cut = plain(parts[-1][1]), parts[-1].start()
     if plain(name[parts[-2].start() :]) in COLUMNS["quality"]:  # FIC101.PV_is_good
         last, cut = "quality", parts[-2].start()

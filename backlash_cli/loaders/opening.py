@@ -25,9 +25,10 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag, undated
+from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import is_export, stem_of
+from .sources import is_export
+from .states import quality_words
 from .times import DOTTED, stamp_kind
 
 CHUNK = 1 << 20  # bytes that are read at once
@@ -200,9 +201,8 @@ def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:
     """Return the encoding of text that begins with `head`. Raises InputError for binary data."""
-    for encoding in ("utf-32", "utf-16"):  # a mark of utf-16 begins one of utf-32
-        if head.startswith(_MARKS[encoding]):
-            return encoding
+    if marked := next((encoding for encoding, marks in _MARKS.items() if head.startswith(marks)), ""):
+        return marked  # of utf-32 first, whose mark begins with that of utf-16
     if options.encoding:
         return options.encoding.lower().replace("utf8", "utf-8")
     sample = head[:SAMPLE]
@@ -216,21 +216,20 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
 
 
 def code_page(head: bytes) -> str:
-    """Return the code page that makes known names or stamps of most cells of a text which is not UTF-8; the Western
-    European one where none does."""
+    """Return the code page that makes known names, stamps or qualities of most cells, else the Western European one."""
     def known(page: str) -> int:
         cells = {*re.split(r'[,;\t|"\r\n]+', head[:SAMPLE].decode(page, "ignore"))}
-        return sum(bool(is_column(c, "time") or split_tag(c).role or kind(c) == "time")
+        return sum(bool(is_column(c, *COLUMNS) or split_tag(c).role or kind(c) == "time" or quality_words([c], "named"))
                    for c in cells if not c.isascii())
 
     return max(CODE_PAGES, key=known)
 
 
 def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
-    """Return (stem, what opens it) of the exports in a zip archive. Raises InputError without any."""
+    """Return (path in it, what opens it) of the exports in a zip archive. Raises InputError without any."""
     try:
         archive = ZipFile(path.open("rb", buffering=0))
-        found = [(stem_of(Path(name)), partial(archive.open, name)) for name in archive.namelist()
+        found = [(name, partial(archive.open, name)) for name in archive.namelist()
                  if is_export(PurePosixPath(name).name)]
         for _, opened in found:
             opened().close()
@@ -260,7 +259,7 @@ def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
+def head_of(text: Text, stem: str, home: str) -> Head:
     """Find how a text is written. Raises InputError without a header, data, or anything that looks like columns."""
     (lines, end), options, where = lines_of(text.head), text.options, text.where
     declared = re.match(r"^sep=(.)$", lines[0][2].strip()) if lines else None
@@ -275,7 +274,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
             text.rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
                          for block in chain([text.head], text.rest))
             text.head = next(text.rest)
-            return head_of(text, stem, partition)
+            return head_of(text, stem, home)
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))
@@ -289,7 +288,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
         name = ("wrong_delimiter" if width < 2 and options.delimiter else "only_a_header" if named else
                 "no_columns" if width < 2 else "no_measurements")
         raise InputError(**explained(name, delimiter=options.delimiter), where=where)
-    before = {lines[i][0]: cells(i) for i in range(first)}
+    before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
@@ -297,7 +296,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     if not before:  # the name of the file, or a tag in every row, may say it all
         told = [stem] if kinds[1:] == ("number",) else [row[kinds.index("text")] for row in data if len(row) == width
                                                         ] if sorted(kinds) == ["number", "text", "time"] else []
-        if told and all(split_tag(undated(tag)).role in SIGNALS for tag in told):
+        if told and all(split_tag(tag).role in SIGNALS for tag in told):
             before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
     names = header_of(before, kinds, options, where)
     kinds = tuple("clock" if kinds.count("time") > 1 and is_column(name, "clock") and all(
@@ -313,7 +312,7 @@ def head_of(text: Text, stem: str, partition: dict[str, str]) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    return Head(where, title if titled else stem, names, (), kinds, partition,
+    return Head(where, title if titled else stem, names, (), kinds, home,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "")
 
@@ -395,7 +394,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]
     names = rows[best]
-    whole = any(map(is_whole, names))
+    whole, signals = any(map(is_whole, names)), [i for i, name in enumerate(names) if signal_role(name)]
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
@@ -403,7 +402,19 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             joined = _joined(names, other, kinds)
             if len(set(joined)) > len(set(names)):
                 return tuple(joined)
+    for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
+        if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
+                not other[0] or is_column(other[0], "loop", "tag")):
+            return tuple(_joined(names, other, kinds))
     return tuple(names)
+
+
+def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
+    """Put tags in the place of a header's short names where lines before say so, as A;FIC101.SP;Feed setpoint does."""
+    told = {cells[0].strip(" #"): tag for cells in before.values() if not is_whole(cells[0]) and (
+        tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
+    header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
+    return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
 
 
 def _spans(cells: list[str], width: int) -> bool:

@@ -214,7 +214,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     if {True, False} <= {zone for items in series.roles.values() for item in items for zone in item.axis.zones}:
         notes += (noted("mixed_zones"),)
-    if (pv := series.roles.get("pv", [])) and pv[0].role != "pv" and not (values and values.values.get("pv")):
+    if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or pv[0].loop.lower() != origin.lower()) and not (
+            values and values.values.get("pv")):
         notes += (noted("bare_pv", tag=pv[0].tag[:60], loop=name[:60]),)
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 

@@ -21,7 +21,7 @@ from ..samples import no_values, unit_change
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
-from .names import COLUMNS, SIGNALS, bare_tag, explained, noted, plain, undated
+from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
 IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
@@ -270,7 +270,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
     present = {item.loop for item in series if item.loop} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    counts = Counter(match for _, match in {(undated(name), match) for name, match in found.items()})
+    counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}
     for item in series:
@@ -284,10 +284,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     bare = defaultdict[str, list[Series]](list)
     for item in series:
         bare["" if item.loop else bare_tag(item.tag)].append(item)
+    for name, one in loops.items():  # FIC101.DACA.PV beside FIC101.PIDA.SP
+        bare[bare_tag(BLOCK.sub("", name))] += one.roles["pv"] if one.roles.keys() == {"pv"} else []
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
-        values = bare.get(bare_tag(name)) or next(
+        values = bare.get(bare_tag(BLOCK.sub("", name))) or next(
             (items for signal, items in one.extra.items() if plain(signal) in COLUMNS["value"]), None)
-        if one.roles and values and "pv" not in asked.get(name, {}):
+        if one.roles and values and len({item.loop for item in values}) == 1 and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
         outputs = one.roles.get("op", [])
         measured = [item for item in outputs if plain(item.signal) == "mv"]  # beside OUT it is the measured value

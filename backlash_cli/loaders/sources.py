@@ -20,6 +20,7 @@ from ..places import Remote, place
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
 from .names import COLUMNS, explained, plain, signal_role
+from .times import stamp_kind
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
@@ -27,11 +28,11 @@ _PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECAS
 
 
 class Source(Frozen):
-    """One file to read. partition: names and values of folders like loop=FIC101 on the way to it. beside: names of all
+    """One file to read. home: the loop, or the tag, that folders on the way to it name, or "". beside: names of all
     files in its folder, None where they were not listed."""
 
     path: Path | Remote
-    partition: dict[str, str] = field(default_factory=dict)
+    home: str = ""
     beside: frozenset[str] | None = field(default=None, repr=False)
 
     def mark(self) -> str:
@@ -71,23 +72,26 @@ def _below(folder: Path | Remote) -> list[Source]:
     for *parts, name in files:
         if not any(part.startswith((".", "_")) for part in parts):
             listed[tuple(parts)].append(name)
-    found: list[Source] = []
-    for way_down, names in sorted(listed.items()):
-        way = (folder.name, *way_down)
-        partition = {key: unquote(value) for key, equals, value in (part.partition("=") for part in way) if equals}
-        # the nearest folder that is called after something: no key=value, no date
-        home = next((part for part in reversed(way) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)), "")
-        named = any(plain(key) in COLUMNS["loop"] | COLUMNS["tag"] for key in partition)
-        here, beside = reduce(truediv, way_down, folder), frozenset(names)
-        for name in sorted(filter(is_export, names)):
-            own = {**partition, "loop": home} if home and not named and (
-                _PART.match(name) or signal_role(stem_of(Path(name)))) else partition
-            found.append(Source(here / name, own, beside))
+    folders = sorted((way, frozenset(names)) for way, names in listed.items())
+    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name), beside)
+             for way, beside in folders for name in sorted(filter(is_export, beside))]
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {some(other)}" if other else "; it is empty"
         raise InputError(**explained("no_exports", there=there), where=str(folder))
     return found
+
+
+def told_by(folders: Sequence[str], name: str) -> str:
+    """Return the loop, or tag, that folders on the way to a file name, as loop=FIC101 does; the nearest that is called
+    after something where the file is called after its signal, its day or its number alone."""
+    told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
+    loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
+    stem = stem_of(name)
+    if not loops and not tags and (_PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
+        loops = [part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
+    signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
+    return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
 
 
 def is_export(name: str) -> bool:
@@ -97,10 +101,10 @@ def is_export(name: str) -> bool:
         r"(?:^|\.)(?:loops|truth)\.csv(?:\.\w+)?$", name, re.IGNORECASE)
 
 
-def stem_of(path: Path | Remote) -> str:
+def stem_of(name: str) -> str:
     """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    found = _FILE.fullmatch(path.name)
-    return found["stem"] if found else path.name
+    found = _FILE.fullmatch(name)
+    return found["stem"] if found else name
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
@@ -117,7 +121,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
         folder, beside = source.path.parent, source.beside
-        found.append(first(folder, f"{stem_of(source.path)}.loops", f"{source.path.name}.loops", beside=beside)
+        found.append(first(folder, f"{stem_of(source.path.name)}.loops", f"{source.path.name}.loops", beside=beside)
                      or first(folder, "loops", beside=beside))
     if not any(found):
         found = [first(path.absolute().parent, "loops") for path in folders]

@@ -28,7 +28,7 @@ from .names import explained, is_whole, noted, signal_role, undated
 from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
-from .sources import Source, stem_of
+from .sources import Source, stem_of, told_by
 from .states import mode_words
 from .times import StampReader, micros_of
 
@@ -44,9 +44,9 @@ Batch = dict[int, pa.ChunkedArray]
 class TextTable:
     """A text file as a table: its first rows, then all of it in batches of columns."""
 
-    def __init__(self, text: Text, stem: str, partition: dict[str, str]) -> None:
+    def __init__(self, text: Text, stem: str, home: str) -> None:
         self.text, self.where = text, text.where
-        self.head = head_of(text, stem, partition)
+        self.head = head_of(text, stem, home)
         self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
         self._stacked = False  # one of them is the header of another table
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
@@ -139,7 +139,7 @@ def _damaged(problem: str, path: Any) -> InputError:
 class ParquetTable:
     """A Parquet file as a table, or as rows whose columns are read when asked for, also in another process."""
 
-    def __init__(self, path: Any, stem: str, options: ReadOptions, partition: dict[str, str]) -> None:
+    def __init__(self, path: Any, stem: str, options: ReadOptions, home: str) -> None:
         self.path, self.where, self.options = path.absolute(), str(path), options
         open_parquet.cache_clear()  # the file may have changed
         file = open_parquet(path)
@@ -162,7 +162,7 @@ class ParquetTable:
         words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
                  for c in first]
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
-        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, partition, decimal_sign(
+        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, home, decimal_sign(
             [word for own in words for word in own if kind(word) == "number"], "."))
         self.decimal, self.notes = self.head.decimal, list[Note]()
 
@@ -203,20 +203,22 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
     needed: says whether samples of a signal are. taken: called with the bytes that were read."""
-    path, stem = source.path, stem_of(source.path)
+    path, stem = source.path, undated(stem_of(source.path.name))
     kind = kind_of(path)
     if kind == "parquet":
         taken(path.stat().st_size)
     parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
-        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(stem, None)])
+        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(path.name, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
-        name = stem if kind == "workbook" and len(parts) == 1 else name
+        *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
+        home = told_by((stem, *folders), file) if opened else source.home
+        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(file))
         try:
-            table = ParquetTable(path, stem, options, source.partition) if kind == "parquet" else TextTable(
-                Text(path, options, taken, opened), name, source.partition)
+            table = ParquetTable(path, stem, options, home) if kind == "parquet" else TextTable(
+                Text(path, options, taken, opened), name, home)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
@@ -248,6 +250,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
+    above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
+        2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
@@ -263,6 +267,10 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
+            for i, last in above.items():  # a report, as merged cells, names a tag in the first row of its block
+                cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
+                cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
+                above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
     # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.
@@ -271,6 +279,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     if sum(any(word in head.names or (end != word and is_whole(word)) for end, word in told.items())
            for told in ends.values()) > 1:
         raise InputError(**explained("stacked"), where=head.where)
+    table.notes += [noted("named_above", column=head.names[i]) for i in above]
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
@@ -329,7 +338,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
                 [replace(of_tag(head, layout, f"{tag}.{head.names[i]}", i), loop=tag, signal=head.names[i],
                          role="mode" if i in modes else signal_role(head.names[i]))
                  for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, f"{undated(head.stem)}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
+                [of_tag(head, layout, f"{head.stem}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
     return found
 
 

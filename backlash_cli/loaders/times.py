@@ -128,11 +128,13 @@ def full_year(year: IntArray) -> IntArray:
 
 
 def days_of(year: IntArray, month: IntArray, day: IntArray) -> NDArray[np.datetime64]:
-    """Days as datetime64, NaT where there is no such day."""
-    bad = (month < 1) | (month > 12) | (day < 1) | (day > 31) | (year < 1) | (year > 9999)
-    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad, 1, month) - 1).astype("datetime64[M]")
+    """Days as datetime64, NaT where there is no such day; in the month of `dayofyear` counted through the year."""
+    whole = month == MONTH["dayofyear"]
+    bad = (month < 1) | ((month > 12) & ~whole) | (day < 1) | (day > 366) | (year < 1) | (year > 9999)
+    months = (12 * (np.where(bad, 1970, year) - 1970) + np.where(bad | whole, 1, month) - 1).astype("datetime64[M]")
     days = months.astype("datetime64[D]") + (np.where(bad, 1, day) - 1)
-    return np.where(bad | (days.astype("datetime64[M]") != months), np.datetime64("NaT"), days)
+    other = np.where(whole, days.astype("M8[Y]") != months.astype("M8[Y]"), days.astype("M8[M]") != months)
+    return np.where(bad | other, np.datetime64("NaT"), days)
 
 
 def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
@@ -198,10 +200,8 @@ class StampReader:
         given = dict(zip(self.units, numbers, strict=True))
         if "year" in given:
             part = {u: np.clip(np.nan_to_num(given[u]), 0.0, 9999.0).astype(np.int64) for u in DATE if u in given}
-            first = np.ones(len(numbers[0]), np.int64)
-            days = days_of(full_year(part["year"]), part.get("month", first), part.get("day", first))
-            ahead = part.get("dayofyear", first) - 1
-            days = np.where((ahead < 0) | (ahead > 365), np.datetime64("NaT"), days + ahead)
+            day = part["dayofyear" if "dayofyear" in part else "day"]
+            days = days_of(full_year(part["year"]), part.get("month", np.full_like(day, MONTH["dayofyear"])), day)
             stamps = days.astype("M8[us]").astype(np.int64)
             self._seen(stamps, np.zeros(len(stamps), bool))
         elif 2 * np.isfinite(numbers[0]).sum() > len(numbers[0]):
@@ -325,7 +325,7 @@ class StampReader:
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
-        parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", self._shown_open)
+        parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", re.sub(r"\d+:[\d:.,]+", "", self._shown_open))
         separator, short = (parts[1], len(parts[2]) < 3) if parts else ("", False)  # short: years of two digits
         readings = _readings(np.array(list(self._open), np.int64))
         first, last, counts = np.array(list(self._open.values())).T

@@ -239,10 +239,8 @@ def longest_stretch(record: Record) -> Record:
     good = np.flatnonzero(record.usable & np.isfinite(record.measurement))
     if len(good) < 2:
         raise LoopError("no sample of the record can be used", where=record.loop, code="no_usable_data")
-    cuts = np.flatnonzero(np.diff(record.index[good]) > HOLE)
-    edges = np.concatenate([[0], cuts + 1, [len(good)]])
-    k = int(np.argmax(np.diff(edges)))
-    first, last = int(good[edges[k]]), int(good[edges[k + 1] - 1]) + 1
+    longest = max(np.split(good, np.flatnonzero(np.diff(record.index[good]) > HOLE) + 1), key=len)
+    first, last = int(longest[0]), int(longest[-1]) + 1
     return record.slice(max(first, last - LONGEST), last)
 
 

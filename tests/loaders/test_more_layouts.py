@@ -219,7 +219,7 @@ MORE = {
     "arrow": Export({"plant.csv": wide(name=lambda n: n.replace(".", "->"))}),
     "tag_alone_is_pv": Export({"plant.csv": wide(name=lambda n: n.removesuffix(".PV"))}, notes=("bare_pv",)),
     "tag_above_its_table": Export({f"export{k}.csv": f"Tag:,{n}\nDescription:,Feed flow\n\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for k, (n, v) in enumerate(SIGNALS.items())}),
-    "loops_of_dated_files": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}, notes=("matched_name",)),
+    "loops_of_dated_files": Export({f"{loop}_{part}.csv": "Time,OP,PV,SP\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS) if i // 300 == k) for loop in RANGES for k, part in enumerate(["20260317", "2026-03-18"])}),
     "described_twin": Export({"plant.csv": wide(name=lambda n: n + (f',"High limit: {n}"' if n.endswith("PV") else ""), value=lambda t, v: cell(t, v) + (",7" if t.endswith("PV") else ""))}, notes=("several_columns",)),
     "sentence_above_values": Export({f"{n}.csv": f"Export of {n}\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}),
     "thousands_points": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=lambda n, v: f"{v:,.4f}".translate(str.maketrans(",.", ".,")).removesuffix(",0000"))}, settings=SETTINGS, tolerance=1e-4),

@@ -1,0 +1,146 @@
+"""Exports whose dates, signals or loops are named in a way of their own: by day of the year, by script, beside the table."""
+
+# One line per way of writing reads better than wrapped ones.
+# ruff: noqa: E501
+
+from __future__ import annotations
+
+import io
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from backlash_cli.errors import BacklashError
+from backlash_cli.loaders import read
+
+from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .test_layouts import comma, same_recording
+from .test_more_layouts import packed, renamed, row
+
+SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
+HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
+
+
+def single(loop, rows=range(ROWS)):
+    """SP, PV and OP of one loop, which the table does not name."""
+    return "Time,OP,PV,SP\n" + "".join(f"{iso(STAMPS[i])},{row(loop, i)}\n" for i in rows)
+
+
+def day_sheets(loop):
+    """A workbook with a sheet for each day."""
+    held = io.BytesIO()
+    with pd.ExcelWriter(held) as book:
+        for day, rows in HALVES.items():
+            pd.read_csv(io.StringIO(single(loop, rows))).to_excel(book, sheet_name=day, index=False)
+    return held.getvalue()
+
+
+EXPORTS = {
+    "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
+    "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
+    "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
+    "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
+    "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
+    "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
+    "legend_behind_marks": Export({"plant.csv": "".join(f"# {short},{n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
+    "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "loop_and_signal_in_merged_cells": Export({"plant.csv": "loop,signal,time,value\n" + "".join(f"{n[:6] if not i and n.endswith('SP') else ''},{'' if i else n[7:]},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "tag_above_its_pages": Export({"plant.csv": "".join("Tag,Time,Value\n" * (i % 100 == 0) + f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
+    "levels_of_area_loop_and_signal": Export({"plant.csv": "area" + ",Unit1" * 6 + "\n" + ",".join(["loop", *(n[:6] for n in SIGNALS)]) + "\n" + ",".join(["signal", *(n[7:] for n in SIGNALS)]) + "\ntime,,,,,,\n" + wide().split("\n", 1)[1]}),
+    "levels_of_one_loop": Export({f"{k}.csv": f"loop,{loop},{loop},{loop}\nsignal,OP,PV,SP\ntime,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
+    "blocks_of_a_controller": Export({"plant.csv": wide(name=renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP"))}),
+    "blocks_with_paths": Export({"plant.csv": wide(name=renamed(SP="A/{}/PID1/SP.CV", PV="A/{}/AI1/PV.CV", OP="A/{}/PID1/OUT.CV"))}),
+    "day_of_the_year": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%j %H:%M:%S"), delimiter=";", value=comma)}),
+    "day_of_the_year_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%jT%H:%M:%S.000Z"))}),
+    "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
+    "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
+    "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
+    "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
+    "japanese_output": Export({"plant.csv": wide(name=renamed(SP="{} 設定値", PV="{} 現在値", OP="{} 操作出力"), time_name="日付時刻").encode("cp932")}, notes=("encoding",)),
+    "french_command": Export({"plant.csv": wide(name=renamed(SP="{}.Consigne", PV="{}.Mesure", OP="{}.Commande"), time_name="Horodatage")}),
+    "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("key", EXPORTS)
+def test_an_export_with_names_of_its_own_gives_the_recording(key, tmp_path):
+    same_recording(EXPORTS[key], tmp_path)
+
+
+@pytest.mark.parametrize(("header", "encoding"), [
+    ("Zeit;Valeur de consigne;Valeur mesurée;Valeur de sortie", "utf-8"),
+    ("Fecha;Punto de consigna;Variable de proceso;Salida del controlador", "utf-8"),
+    ("Data e ora;Setpoint;Variabile di processo;Uscita", "utf-8"), ("Tid;Settpunkt;Måleverdi;Pådrag", "utf-8"),
+    ("Čas;Žádaná hodnota;Měřená hodnota;Akční veličina", "cp1250"), ("시간;설정값;측정값;출력값", "cp949"),
+    ("Метка времени;Уставка;Текущее значение;Выход регулятора", "cp1251"),
+    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"), ("時間;設定值;量測值;輸出", "big5")])
+def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, encoding):
+    rows = zip(STAMPS, *(SIGNALS[f"FIC101.{signal}"] for signal in ("SP", "PV", "OP")), strict=True)
+    lines = [header, *(";".join([f"{stamp:%Y-%m-%d %H:%M:%S}", *map(str, values)]) for stamp, *values in rows)]
+    (tmp_path / "FIC101.csv").write_bytes("\n".join(lines).encode(encoding))
+    record, = read(tmp_path / "FIC101.csv").records
+    assert record.loop == "FIC101" and record.output is not None
+    low, high = record.settings.pv_range
+    np.testing.assert_allclose(low + record.measurement * (high - low), SIGNALS["FIC101.PV"], atol=1e-6)
+
+
+def test_the_measurement_may_stand_in_another_block_of_the_controller(tmp_path):
+    """Without settings the loop is called after the block of the controller, and the report says what its PV is."""
+    of_blocks = renamed(SP="{}.PIDA.SP", PV="{}.DACA.PV", OP="{}.PIDA.OP")
+    (tmp_path / "plant.csv").write_text(wide(name=of_blocks))
+    plant = read(tmp_path)
+    assert [r.loop for r in plant] == ["FIC101.PIDA", "PIC303.PIDA"] and not plant.failures
+    assert any(note.code == "bare_pv" and "FIC101.DACA.PV" in note.message for note in plant["FIC101.PIDA"].notes)
+    (tmp_path / "plant.csv").write_text(wide(name=of_blocks).replace("PIC303.PIDA.SP", "FIC101.AI2.PV"))
+    failure, = (note for note in read(tmp_path).failures if note.values["loop"] == "FIC101.PIDA")  # which of two?
+    assert failure.code == "no_measurement"
+
+
+@pytest.mark.parametrize("name", ["FIC101_20260317", "FIC101 2026-03-18 0800", "FIC101_18.03.2026", "FIC101-18-03-2026"])
+def test_a_loop_is_not_called_after_the_day_of_its_file(tmp_path, name):
+    """With or without settings, so that the files of several days are one loop."""
+    days = [single("FIC101", rows) for rows in HALVES.values()]
+    (tmp_path / f"{name}.csv").write_text(days[1])
+    (tmp_path / "FIC101_2026-03-17.csv").write_text(days[0])
+    assert [(r.loop, len(r)) for r in read(tmp_path)] == [("FIC101", ROWS)]
+
+
+def test_what_stands_above_tags_is_no_legend_and_an_area_above_signals_no_loop(tmp_path):
+    sources = "".join(f"{n},DCS1.{n.replace('.', '_')}\n" for n in SIGNALS)
+    (tmp_path / "plant.csv").write_text("Tag,Source\n" + sources + "\n" + wide())
+    assert [r.loop for r in read(tmp_path / "plant.csv")] == ["FIC101", "PIC303"]
+    (tmp_path / "FIC101.csv").write_text("area,Unit1,Unit1,Unit1\n" + single("FIC101"))
+    assert [r.loop for r in read(tmp_path / "FIC101.csv")] == ["FIC101"]
+
+
+def test_a_month_that_does_not_exist_is_no_date(tmp_path):
+    (tmp_path / "plant.csv").write_text(wide(lambda t: t.strftime("%Y-00-%d %H:%M:%S")))
+    with pytest.raises(BacklashError, match="2026-00-17"):
+        read(tmp_path / "plant.csv")
+
+
+@pytest.mark.parametrize(("header", "said"), [
+    ("Time,Klap,Meting,Setpoint", "no measurement .PV. column; there is SP only .further columns: Klap, Meting. -> name"),
+    ("Time,Klap,PV,SP", "no output .OP. recorded .further columns: Klap.: it is rebuilt")])
+def test_the_columns_are_named_of_which_one_may_be_what_is_missing(tmp_path, header, said):
+    (tmp_path / "FIC101.csv").write_text(single("FIC101").replace("Time,OP,PV,SP", header))
+    try:
+        messages = "\n".join(note.message for note in read(tmp_path / "FIC101.csv")["FIC101"].notes)
+    except BacklashError as error:
+        messages = str(error)
+    assert re.search(said, messages)
+
+
+def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
+    """Zła is no word, and Jakość no column of qualities, when they are read in the Western European code page."""
+    def of_sample(tag, stamp, value):
+        bad = tag == "FIC101.PV" and stamp in STAMPS[200:400]
+        return f"{tag};{stamp:%Y-%m-%d %H:%M:%S};{'0' if bad else value};{'Zła' if bad else 'Dobra'}"
+
+    (tmp_path / "plant.csv").write_bytes(long(of_sample, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
+    record = read(tmp_path / "plant.csv")["FIC101"]
+    assert np.count_nonzero(record.usable) == len(STAMPS) - 200
