@@ -53,6 +53,5 @@ def excluded(tests: Sequence[GapTest], evidence: float, length: float, span: flo
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
     found = signs(tests, evidence, length, span)
     hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (found[:, -1] < DROP)
-    if hidden[-1]:
-        return None
-    return LIMITS[0 if not hidden.any() else int(np.flatnonzero(hidden)[-1]) + 1]
+    beyond = int(np.append(-1, np.flatnonzero(hidden))[-1]) + 1
+    return LIMITS[beyond] if beyond < len(LIMITS) else None
