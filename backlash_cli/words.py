@@ -38,5 +38,5 @@ WORDS, said, noted, explained = _OWN.tables, _OWN.said, _OWN.noted, _OWN.explain
 
 
 def times(count: float) -> str:
-    """A count in words: once, twice, 3 times."""
-    return ("never", "once", "twice")[int(count)] if count < 3 else f"{count:.0f} times"
+    """A count in words: not once, once, twice, 3 times."""
+    return ("not once", "once", "twice")[int(count)] if count < 3 else f"{count:.0f} times"

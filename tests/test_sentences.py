@@ -24,7 +24,7 @@ def test_a_share_is_shown_in_per_cent_and_the_values_are_kept():
     assert note.code == "output_rounded" and note.values["step"] == 0.005
     assert noted("insufficient_data:settings", used=3).code == "insufficient_data"
     assert said("manual_test:trace", d=0.021) == "there is no more than a trace of a dead band of 2.1 %"
-    assert [times(n) for n in (0, 1, 2, 3)] == ["never", "once", "twice", "3 times"]
+    assert [times(n) for n in (0, 1, 2, 3)] == ["not once", "once", "twice", "3 times"]
 
 
 def test_every_sentence_is_said_somewhere():
