@@ -112,7 +112,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
         for products, one, other in ((base, before, before), (cross, before, early), (own, early, early)):
             products[g] -= one @ other.T
         G[g] *= counts[g]
-    free = counts.sum(axis=1) - len(H)  # degrees of freedom
+    degrees = counts.sum(axis=1) - len(H)  # of freedom
     to_columns = (counts * y) @ H.T
     solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
     error, solved = counts * (y - solved[..., -1] @ H), solved[..., :-1]
@@ -128,18 +128,18 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
-    answered = (size > NO_ANSWER * loss) & (free >= LEAST_ROWS)
+    answered = (size > NO_ANSWER * loss) & (degrees >= LEAST_ROWS)
     size = np.where(answered, size, 1.0)
     found = np.where(answered, np.einsum("gl,glr,gr->g", to_output, G, error), 0.0)
     share = found / size
     column = (to_output[:, None] @ G)[:, 0] - counts * ((solved @ to_output[..., None])[..., 0] @ H)
     begins = -(-np.arange(STRETCHES) * len(y) // STRETCHES)
     sums = np.add.reduceat(column * (error - share[:, None] * column), begins, axis=1)
-    gain = _gain(share * found / loss, free)
+    gain = _gain(share * found / loss, degrees)
     # stretches agree with a share that was fitted to few of them: no less than what single rows leave
-    variance = np.maximum(np.sum(sums**2, axis=1), size * loss / np.maximum(free, 1))
+    variance = np.maximum(np.sum(sums**2, axis=1), size * loss / np.maximum(degrees, 1))
     deviation = np.where(answered, np.sqrt(variance) / size, UNKNOWN)
-    tied = np.where(answered, 0.5 * free * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
+    tied = np.where(answered, 0.5 * degrees * np.log(loss / np.maximum(left, NO_ANSWER * p.loss)), 0.0)
     possible = full(share) & _possible(p, b, to_output, K, Ti, interval, SEEN_TIED)
     return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1), own_gain)
 
@@ -174,9 +174,9 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     return _gain(gained / p.loss, p.rows - len(p.columns)), answer[..., 0], beside
 
 
-def _gain(share: FloatArray, free: FloatArray | int) -> FloatArray:
-    """Nats by which a prediction with `free` degrees of freedom is better without this share of its loss."""
-    return np.asarray(-0.5 * free * np.log(np.maximum(1.0 - share, 1e-9)))
+def _gain(share: FloatArray, degrees: FloatArray | int) -> FloatArray:
+    """Nats by which a prediction with so many `degrees` of freedom is better without this share of its loss."""
+    return np.asarray(-0.5 * degrees * np.log(np.maximum(1.0 - share, 1e-9)))
 
 
 def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
