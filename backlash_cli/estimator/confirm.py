@@ -51,7 +51,6 @@ WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
-ANSWERS = 0.5  # of the block lengths, where PV must answer OP for any dead band to be excluded
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
 DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
 GAP = 20  # samples; a hole as long ends a recording
@@ -99,9 +98,9 @@ class Study(Frozen):
     def excludes(self, evidence: float) -> float | None:
         """The smallest dead band [%] that the record excludes. It must show that PV answers OP: the play of a valve
         that never moved is wider than all OP did. One event proves absence no more than presence."""
-        answers = [answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked]
-        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span)
-        return limit if limit and np.mean(answers) >= ANSWERS and self.crossed(limit) >= FEWEST_CROSSINGS else None
+        answers = any(answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked)
+        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span) if answers else None
+        return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS else None
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:

@@ -1,9 +1,8 @@
 """Which dead bands does a record exclude? The smallest one that would not have hidden in it.
 
-A loop without a sign of a dead band may still have one. A dead band of L is excluded where for all limits from L on
-such a gap would have shown, had PV answered it as it answers OP, and where the chance that one hides all the same is
-small. That chance is calibrated on plants that share nothing with the test, a third of whose valves have play
-(`python -m tests.benchmarks.exclusion` fits it anew).
+A dead band of L is excluded where gaps of L and more, as far as OP moved enough to tell, would have shown, had PV
+answered them as it answers OP, and where the chance that one hides all the same is small. That chance is calibrated on
+strange plants, a third of whose valves have play (`python -m tests.benchmarks.exclusion` fits it anew).
 """
 
 from collections.abc import Sequence
@@ -12,6 +11,7 @@ import numpy as np
 from scipy.special import expit
 
 from ..record import FloatArray
+from .criteria import MOTION
 from .gap_test import GapTest
 from .width_profile import DROP
 
@@ -19,7 +19,7 @@ LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detecti
 SMALLER = 0.85  # widths from this share of L on
 SURE = 0.02  # of the deviation of the share at most: no gap is known better
 WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs, by regression
-HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
+HIDDEN = 0.015  # chance that is left when a dead band is said to be excluded
 
 
 def signs(tests: Sequence[GapTest], evidence: float, length: float, span: float) -> FloatArray:
@@ -52,6 +52,7 @@ def chance_hidden(signs: FloatArray) -> FloatArray:
 def excluded(tests: Sequence[GapTest], evidence: float, length: float, span: float) -> float | None:
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
     found = signs(tests, evidence, length, span)
-    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (found[:, -1] < DROP)
+    shown, seen = found[:, -1] >= DROP, MOTION * np.array(LIMITS) <= span
+    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (seen & ~shown)
     beyond = int(np.append(-1, np.flatnonzero(hidden))[-1]) + 1
-    return LIMITS[beyond] if beyond < len(LIMITS) else None
+    return LIMITS[beyond] if beyond < len(LIMITS) and shown[beyond] else None
