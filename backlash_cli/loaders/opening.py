@@ -73,13 +73,13 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
+    for begin, (what, remedy) in WORDS["foreign"].items():
+        if re.match(begin.encode("latin-1"), magic, re.DOTALL):
+            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     if magic.startswith(b"PK\x03\x04"):
         named = path.name.lower().endswith((".xlsx", ".xlsm"))  # or the first file in it tells
         packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
         return "workbook" if named or packed else "archive"
-    for mark, (what, remedy) in WORDS["foreign"].items():
-        if magic[257 * (mark == "ustar") :].startswith(mark.encode("latin-1")):
-            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 

@@ -58,6 +58,9 @@ EXPORTS = {
     "day_of_the_year_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%jT%H:%M:%S.000Z"))}),
     "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
     "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
+    "signal_below_the_loop_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '"')}),
+    "signal_below_loop_and_unit_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '\n%"')}),
+    "date_and_clock_joined_by_a_colon": Export({"plant.csv": wide(lambda t: f"{t:%d%b%Y:%H:%M:%S}".upper())}),
     "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
     "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
     "japanese_output": Export({"plant.csv": wide(name=renamed(SP="{} 設定値", PV="{} 現在値", OP="{} 操作出力"), time_name="日付時刻").encode("cp932")}, notes=("encoding",)),
@@ -77,7 +80,9 @@ def test_an_export_with_names_of_its_own_gives_the_recording(key, tmp_path):
     ("Data e ora;Setpoint;Variabile di processo;Uscita", "utf-8"), ("Tid;Settpunkt;Måleverdi;Pådrag", "utf-8"),
     ("Čas;Žádaná hodnota;Měřená hodnota;Akční veličina", "cp1250"), ("시간;설정값;측정값;출력값", "cp949"),
     ("Метка времени;Уставка;Текущее значение;Выход регулятора", "cp1251"),
-    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"), ("時間;設定值;量測值;輸出", "big5")])
+    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"),
+    ("Дата и время;Заданное значение;Измеренное значение;Управляющее воздействие", "cp1251"), ("Zeit;Soll;Messwert;Stellgrad", "utf-8"),
+    ("Tarih;Ayar Noktası;Ölçüm;Vana Çıkışı", "cp1254"), ("Czas;Zadana;Pomiar;Sterowanie", "cp1250"), ("Aika;Ohjearvo;Mittausarvo;Lähtö", "utf-8"), ("時間;設定值;量測值;輸出", "big5")])
 def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, encoding):
     rows = zip(STAMPS, *(SIGNALS[f"FIC101.{signal}"] for signal in ("SP", "PV", "OP")), strict=True)
     lines = [header, *(";".join([f"{stamp:%Y-%m-%d %H:%M:%S}", *map(str, values)]) for stamp, *values in rows)]
