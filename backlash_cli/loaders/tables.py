@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate, chain, islice
 from sys import intern
 from typing import Any
@@ -208,16 +208,17 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     if kind == "parquet":
         taken(path.stat().st_size)
     parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
-        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(path.name, None)])
+        sheets(partial(path.open, "rb", buffering=0), path.name, str(path)) if kind == "workbook" else
+        members(path) if kind == "archive" else [(path.name, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
         home = told_by((stem, *folders), file) if opened else source.home
-        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(file))
+        name = undated(stem_of(file))
         try:
-            table = ParquetTable(path, stem, options, home) if kind == "parquet" else TextTable(
+            table = ParquetTable(path, name, options, home) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, home)
             layout = layout_of(table.head, options)
         except InputError as error:

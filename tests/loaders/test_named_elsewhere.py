@@ -41,6 +41,8 @@ EXPORTS = {
     "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
     "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
+    "values_called_measurements": Export({"plant.csv": long(lambda n, t, v: f"{n};{iso(t)};{v}", "Tag;Time;Measured value")}),
+    "workbook_in_an_archive": Export({"plant.zip": packed({"export/FIC101.xlsx": day_sheets("FIC101"), "export/PIC303.csv": single("PIC303")})}),
     "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
     "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
     "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
