@@ -251,9 +251,14 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
+    dates = [pair[0] for pair in layout.stamps if len(pair) > 1]
+    above = {i: pa.nulls(1, pa.string()) for i in (*layout.naming, *dates) if not is_number(head.columns[i].type) and (
         2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
+        for i, last in above.items():  # a report, as merged cells, names a tag, or a day, in the first row of its block
+            cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
+            cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
+            above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
@@ -268,10 +273,6 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
-            for i, last in above.items():  # a report, as merged cells, names a tag in the first row of its block
-                cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
-                cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
-                above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
     # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.
@@ -285,9 +286,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
-    count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line,
-                 zones=reader.zones) for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where,
+                 first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)

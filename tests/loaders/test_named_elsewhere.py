@@ -21,6 +21,7 @@ from .test_more_layouts import packed, renamed, row
 
 SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
 HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
+FIRSTS = [STAMPS[rows[0]] for rows in HALVES.values()]
 
 
 def single(loop, rows=range(ROWS)):
@@ -50,6 +51,8 @@ EXPORTS = {
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "loop_and_signal_in_merged_cells": Export({"plant.csv": "loop,signal,time,value\n" + "".join(f"{n[:6] if not i and n.endswith('SP') else ''},{'' if i else n[7:]},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "tag_above_its_pages": Export({"plant.csv": "".join("Tag,Time,Value\n" * (i % 100 == 0) + f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "date_above_its_times": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y}{t:;%H:%M:%S}" if t in FIRSTS else f"{t:;%H:%M:%S}", delimiter=";", value=comma, time_name="Datum;Zeit")}, notes=("named_above",)),
+    "iso_date_above_its_times": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d,%H:%M:%S}" if t in FIRSTS else f"{t:,%H:%M:%S}", time_name="Date,Time")}, notes=("named_above",)),
     "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
     "levels_of_area_loop_and_signal": Export({"plant.csv": "area" + ",Unit1" * 6 + "\n" + ",".join(["loop", *(n[:6] for n in SIGNALS)]) + "\n" + ",".join(["signal", *(n[7:] for n in SIGNALS)]) + "\ntime,,,,,,\n" + wide().split("\n", 1)[1]}),
