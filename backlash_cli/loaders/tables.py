@@ -47,7 +47,7 @@ class TextTable:
     def __init__(self, text: Text, stem: str, home: str) -> None:
         self.text, self.where = text, text.where
         self.head = head_of(text, stem, home)
-        self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
+        self._bad: list[tuple[int | None, int, int, int, str]] = []  # number, cells expected and found, lines, text
         self._stacked = False  # one of them is the header of another table
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
@@ -86,18 +86,19 @@ class TextTable:
             raise InputError(**explained("stacked"), where=self.where)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
-            _, expected, found, _ = self._bad[0]
-            rows = sum(bad[-1] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
+            _, expected, found, _, text = self._bad[0]
+            rows = sum(bad[3] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
             code = "ragged_rows:quote" if rows > len(self._bad) else "ragged_rows"
             self.notes.append(noted(code, {"rows": float(rows), "file": self.where}, line=line, found=found,
-                                    expected=expected))
+                                    expected=expected, text=text))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
-            self._bad.append((row.number, row.expected_columns, row.actual_columns, 1 + row.text.count("\n")))
+            lines = 1 + row.text.count("\n")
+            self._bad.append((row.number, row.expected_columns, row.actual_columns, lines, row.text[:40]))
             self._stacked |= not row.text[:1].isdigit() and (
                 sum(map(is_whole, split_line(row.text, self.head.delimiter))) > 1)
             return "skip"
@@ -251,14 +252,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
-    dates = [pair[0] for pair in layout.stamps if len(pair) > 1]
-    above = {i: pa.nulls(1, pa.string()) for i in (*layout.naming, *dates) if not is_number(head.columns[i].type) and (
+    above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
         2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
-        for i, last in above.items():  # a report, as merged cells, names a tag, or a day, in the first row of its block
-            cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
-            cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
-            above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
@@ -273,6 +269,10 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
+            for i, last in above.items():  # a report, as merged cells, names a tag in the first row of its block
+                cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
+                cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
+                above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
     # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.

@@ -21,7 +21,6 @@ from .test_more_layouts import packed, renamed, row
 
 SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
 HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
-FIRSTS = [STAMPS[rows[0]] for rows in HALVES.values()]
 
 
 def single(loop, rows=range(ROWS)):
@@ -51,8 +50,6 @@ EXPORTS = {
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "loop_and_signal_in_merged_cells": Export({"plant.csv": "loop,signal,time,value\n" + "".join(f"{n[:6] if not i and n.endswith('SP') else ''},{'' if i else n[7:]},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "tag_above_its_pages": Export({"plant.csv": "".join("Tag,Time,Value\n" * (i % 100 == 0) + f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
-    "date_above_its_times": Export({"plant.csv": wide(lambda t: f"{t:%d.%m.%Y}{t:;%H:%M:%S}" if t in FIRSTS else f"{t:;%H:%M:%S}", delimiter=";", value=comma, time_name="Datum;Zeit")}, notes=("named_above",)),
-    "iso_date_above_its_times": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d,%H:%M:%S}" if t in FIRSTS else f"{t:,%H:%M:%S}", time_name="Date,Time")}, notes=("named_above",)),
     "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "one_loop_above_its_signals": Export({f"{k}.csv": f"Point,{loop},{loop},{loop}\nParameter,OP,PV,SP\nUnits,%,m3/h,m3/h\nDate/Time,,,\n" + "".join(f"{iso(t)},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for k, loop in enumerate(RANGES)}),
     "levels_of_area_loop_and_signal": Export({"plant.csv": "area" + ",Unit1" * 6 + "\n" + ",".join(["loop", *(n[:6] for n in SIGNALS)]) + "\n" + ",".join(["signal", *(n[7:] for n in SIGNALS)]) + "\ntime,,,,,,\n" + wide().split("\n", 1)[1]}),
@@ -65,6 +62,12 @@ EXPORTS = {
     "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
     "signal_below_the_loop_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '"')}),
     "signal_below_loop_and_unit_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '\n%"')}),
+    "description_behind_a_colon_between_blanks": Export({"plant.csv": wide(name=lambda n: f"{n} : Feed {n[-2:]}")}),
+    "signals_of_metso": Export({"plant.csv": wide(name=renamed(SP="{}:spv", PV="{}:me", OP="{}:con"))}),
+    "dot_behind_the_year": Export({"plant.csv": wide(lambda t: f"{t.day}.{t.month}.{t.year}. {t:%H:%M:%S}", time_name="Vrijeme")}),
+    "greek_halves_of_the_day": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y %I:%M:%S} {'πμ' if t.hour < 12 else 'μμ'}", time_name="Ώρα")}),
+    "word_before_the_clock": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y à %H:%M:%S}", time_name="Date")}),
+    "russian_months": Export({"plant.csv": wide(lambda t: f"{t.day} марта {t:%Y %H:%M:%S}", time_name="Время")}),
     "date_and_clock_joined_by_a_colon": Export({"plant.csv": wide(lambda t: f"{t:%d%b%Y:%H:%M:%S}".upper())}),
     "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
     "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
@@ -125,6 +128,13 @@ def test_what_stands_above_tags_is_no_legend_and_an_area_above_signals_no_loop(t
     assert [r.loop for r in read(tmp_path / "plant.csv")] == ["FIC101", "PIC303"]
     (tmp_path / "FIC101.csv").write_text("area,Unit1,Unit1,Unit1\n" + single("FIC101"))
     assert [r.loop for r in read(tmp_path / "FIC101.csv")] == ["FIC101"]
+
+
+def test_a_row_that_is_dropped_is_shown(tmp_path):
+    """It may name another loop, whose table goes on below."""
+    rows = single("FIC101").splitlines(keepends=True)
+    (tmp_path / "FIC101.csv").write_text("".join([*rows[:301], "Loop: FIC102\n", rows[0], *rows[301:]]))
+    assert any("'Loop: FIC102'" in note.message for note in read(tmp_path / "FIC101.csv").warnings)
 
 
 def test_a_month_that_does_not_exist_is_no_date(tmp_path):
