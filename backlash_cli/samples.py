@@ -117,26 +117,23 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
     return found if found is not None and found.any() else None
 
 
-def unit_change(values: FloatArray) -> int:
-    """Return after how many samples a signal goes on CONVERTED times as large or small, for good, with the same
-    relative moves from sample to sample, at one stroke; 0 where it does not."""
-    rows = np.arange(0, len(values), max(1, len(values) // 2000))
-    rows = rows[values[rows] > 0.0]
-    for up in (1, -1):
-        some = values[rows[::up]]
-        if len(some) < 100 or some[-20:].min() < CONVERTED * some[:20].max():
-            continue
-        cut = 1 + int(np.argmax(np.minimum.accumulate(some[::-1])[::-1][1:] / np.maximum.accumulate(some)[:-1]))
-        below, above = some[:cut], some[cut:]
-        if min(cut, len(above)) < 20 or above.min() < CONVERTED * below.max():
-            continue
-        moves, others = (quantile(np.abs(np.diff(np.log(part))), 0.5) for part in (below, above))
-        at = cut if up > 0 else len(rows) - cut
-        near = values[rows[at - 1] : rows[at] + 1]
-        sizes = np.log(near[near > 0.0])
-        if 0.6 * moves < others < 1.7 * moves and np.abs(np.diff(sizes)).max() > np.log(CONVERTED):
-            return int(rows[at])
-    return 0
+def changed_size(values: FloatArray) -> tuple[int, int]:
+    """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
+    moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
+    rows = np.flatnonzero(values > 0.0)
+    sizes, least = values[rows], np.log(CONVERTED)
+    if len(rows) < 100 or sizes.max() < CONVERTED * sizes.min():
+        return 0, 0
+    sizes = np.log(sizes)
+    steps = np.abs(np.diff(sizes))
+    if np.mean(np.abs(steps - np.log(1000.0)) < np.log(1.5)) > max(0.01, 0.9 * np.mean(steps > least)):
+        return 0, int(np.count_nonzero(sizes < sizes.max() - np.log(1000.0) / 2.0))
+    cut = 1 + int(np.argmax(steps))
+    below, above = sorted((sizes[:cut], sizes[cut:]), key=lambda part: float(part[0]))
+    if min(len(below), len(above)) < 20 or above.min() - below.max() < least:
+        return 0, 0
+    moves, others = (quantile(np.abs(np.diff(part)), 0.5) for part in (below, above))
+    return (len(values) - int(rows[cut])) * (0.6 * moves < others < 1.7 * moves), 0
 
 
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}

@@ -60,7 +60,7 @@ class Head(Frozen):
                     i for i, word in enumerate(self.plain) if word in BOUNDS and self.is_time(i)][:1]
         if not found:  # a column that goes on, or back, may count since 1970; one that stands first may count anything
             begun = {i: stored(self.columns[i].slice(0, 200), {})[0] for i in self.numbers if not self.tags[i].role}
-            steps = {i: np.diff(values) for i, values in begun.items() if len(values) > 1}
+            steps = {i: np.diff(values) for i, values in begun.items() if np.isfinite(values).all() and len(values) > 1}
             found = [i for i, step in steps.items() if not self.tags[i].loop and (np.all(step > 0) or np.all(step < 0))
                      and unit_of(begun[i], "").startswith("epoch")][:1] or [
                          i for i, step in steps.items() if i == 0 and np.all(step > 0)]
@@ -170,7 +170,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
 
 def _recognise(head: Head) -> str:
     texts = [i for i in head.texts if i not in head.times]
-    alone = any(tag.role == "pv" and not tag.loop for tag in head.tags)
+    alone = {"pv"} < {tag.role for tag in head.tags if tag.role in SIGNALS and not tag.loop}  # else a word for values
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts + head.ids) else "wide"

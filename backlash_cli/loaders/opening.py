@@ -27,7 +27,7 @@ from .cells import decimal_sign
 from .layouts import Head
 from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import is_export
+from .sources import is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, stamp_kind
 
@@ -48,6 +48,7 @@ _NUMBER = re.compile(
     r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
+WORKBOOKS = (".xlsx", ".xlsm")
 DELIMITERS = (",", ";", "\t", "|", " ")
 # Lines of columns that blanks align, and lines that are one cell in quotes each: what is put in the place of what.
 _REWRITTEN = (
@@ -73,13 +74,13 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
         raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
+    for begin, (what, remedy) in WORDS["foreign"].items():
+        if re.match(begin.encode("latin-1"), magic, re.DOTALL):
+            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     if magic.startswith(b"PK\x03\x04"):
-        named = path.name.lower().endswith((".xlsx", ".xlsm"))  # or the first file in it tells
+        named = path.name.lower().endswith(WORKBOOKS)  # or the first file in it tells
         packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
         return "workbook" if named or packed else "archive"
-    for mark, (what, remedy) in WORDS["foreign"].items():
-        if magic[257 * (mark == "ustar") :].startswith(mark.encode("latin-1")):
-            raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
@@ -237,26 +238,28 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
         raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
     if not found:
         raise InputError(**explained("empty_archive"), where=str(path))
-    return found
+    return [part for name, opened in found for part in (
+        sheets(opened, name, f"{path}: {name}") if name.lower().endswith(WORKBOOKS) else [(name, opened)])]
 
 
-def sheets(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
-    """Return (name, what opens it as CSV) of the sheets that hold more than a few cells. Raises InputError."""
+def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[str, Callable[[], Any]]]:
+    """Return (name, what opens it as CSV) of the sheets that hold more than a few cells: as files in a folder that is
+    called as the workbook, the only one as the workbook itself. Raises InputError."""
     import pandas as pd
 
     try:
-        with path.open("rb", buffering=0) as file:
+        with opened() as file:
             book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
     except ImportError:
-        raise InputError(**explained("no_calamine"), where=str(path)) from None
+        raise InputError(**explained("no_calamine"), where=where) from None
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         problem = str(error).strip() or type(error).__name__
-        raise InputError(**explained("damaged_workbook", problem=problem), where=str(path)) from None
-    found = [(name, partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
-             for name, rows in book.items() if len(rows) > 1]
+        raise InputError(**explained("damaged_workbook", problem=problem), where=where) from None
+    found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
+             for sheet, rows in book.items() if len(rows) > 1]
     if not found:
-        raise InputError(**explained("empty_workbook"), where=str(path))
-    return found
+        raise InputError(**explained("empty_workbook"), where=where)
+    return found if len(found) > 1 else [(name, found[0][1])]
 
 
 def head_of(text: Text, stem: str, home: str) -> Head:

@@ -5,10 +5,9 @@ from zoneinfo import ZoneInfo, available_timezones
 from ..errors import UsageError, nearest
 from ..record import Frozen
 from ..selection import check_pattern, parse_since, sample_size
-from .names import explained
+from .names import WORDS, explained
 
-TIME_WORDS = ("iso", "ymd", "dmy", "mdy", "epoch_s", "epoch_ms", "epoch_us", "epoch_ns", "excel", "seconds",
-              "millis", "minutes", "hours", "days")
+TIME_WORDS = ("iso", "ymd", "dmy", "mdy", *WORDS["stamps"]["unit"])
 
 
 class ReadOptions(Frozen):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
-from ..samples import no_values, unit_change
+from ..samples import changed_size, no_values
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
@@ -355,8 +355,8 @@ class Joiner:
             faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
             if wrong is not None and wrong.any():
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)
-        at = unit_change(values) if item.role in ("pv", "op") else 0
-        faults["unit_change", item.tag] = Counter({"": (len(values) - at) * (at > 0)})
+        units, points = changed_size(values) if item.role in ("pv", "op") else (0, 0)
+        faults |= {("unit_change", item.tag): Counter({"": units}), ("points_lost", item.tag): Counter({"": points})}
         return Signal(times, values, bad, tuple(notes), faults)
 
 

@@ -19,7 +19,7 @@ from ..errors import InputError, MetadataError, some
 from ..places import Remote, place
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
-from .names import COLUMNS, explained, plain, signal_role
+from .names import COLUMNS, explained, plain, signal_role, undated
 from .times import stamp_kind
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
@@ -89,7 +89,7 @@ def told_by(folders: Sequence[str], name: str) -> str:
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
     stem = stem_of(name)
     if not loops and not tags and (_PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
-        loops = [part for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
+        loops = [undated(part) for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
     return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
 

@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate, chain, islice
 from sys import intern
 from typing import Any
@@ -47,7 +47,7 @@ class TextTable:
     def __init__(self, text: Text, stem: str, home: str) -> None:
         self.text, self.where = text, text.where
         self.head = head_of(text, stem, home)
-        self._bad: list[tuple[int | None, int, int, int]] = []  # number, cells expected and found, lines
+        self._bad: list[tuple[int | None, int, int, int, str]] = []  # number, cells expected and found, lines, text
         self._stacked = False  # one of them is the header of another table
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
@@ -86,18 +86,19 @@ class TextTable:
             raise InputError(**explained("stacked"), where=self.where)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
-            _, expected, found, _ = self._bad[0]
-            rows = sum(bad[-1] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
+            _, expected, found, _, text = self._bad[0]
+            rows = sum(bad[3] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
             code = "ragged_rows:quote" if rows > len(self._bad) else "ragged_rows"
             self.notes.append(noted(code, {"rows": float(rows), "file": self.where}, line=line, found=found,
-                                    expected=expected))
+                                    expected=expected, text=text))
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
-            self._bad.append((row.number, row.expected_columns, row.actual_columns, 1 + row.text.count("\n")))
+            lines = 1 + row.text.count("\n")
+            self._bad.append((row.number, row.expected_columns, row.actual_columns, lines, row.text[:40]))
             self._stacked |= not row.text[:1].isdigit() and (
                 sum(map(is_whole, split_line(row.text, self.head.delimiter))) > 1)
             return "skip"
@@ -208,16 +209,17 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     if kind == "parquet":
         taken(path.stat().st_size)
     parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
-        sheets(path) if kind == "workbook" else members(path) if kind == "archive" else [(path.name, None)])
+        sheets(partial(path.open, "rb", buffering=0), path.name, str(path)) if kind == "workbook" else
+        members(path) if kind == "archive" else [(path.name, None)])
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
     for name, opened in parts:
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
         home = told_by((stem, *folders), file) if opened else source.home
-        name = stem if kind == "workbook" and len(parts) == 1 else undated(stem_of(file))
+        name = undated(stem_of(file))
         try:
-            table = ParquetTable(path, stem, options, home) if kind == "parquet" else TextTable(
+            table = ParquetTable(path, name, options, home) if kind == "parquet" else TextTable(
                 Text(path, options, taken, opened), name, home)
             layout = layout_of(table.head, options)
         except InputError as error:
@@ -284,9 +286,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
-    count = int(store.rows().sum())
-    axes = [Axis(store, f"t{k}", range(count), notes=reader.all_notes, where=head.where, first_line=head.first_line,
-                 zones=reader.zones) for k, reader in enumerate(readers)]
+    axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where,
+                 first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, blank), axes, layout)

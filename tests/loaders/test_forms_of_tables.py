@@ -286,7 +286,7 @@ def noticed(tmp_path, **changed):
     path.write_text("\n".join(["Time,FIC101.SP,FIC101.PV,FIC101.OP", *(
         f"{s}," + ",".join(f"{values[r][k]:g}" for r in SIGNALS) for k, s in enumerate(STAMPS))]))
     (record,) = read(path)
-    doubts = {"setpoint_apart", "setpoint_copied", "unit_change", "no_values"}
+    doubts = {"setpoint_apart", "setpoint_copied", "unit_change", "points_lost", "no_values"}
     return record, {note.code for note in record.notes} & doubts
 
 
@@ -294,7 +294,9 @@ def noticed(tmp_path, **changed):
     ({"SP": SIGNALS["SP"] / 100}, "setpoint_apart"), ({"SP": SIGNALS["PV"]}, "setpoint_copied"),
     ({"OP": np.where(K < 200, SIGNALS["OP"], SIGNALS["OP"] / 100)}, "unit_change"),
     ({r: np.where(K < 200, SIGNALS[r], SIGNALS[r] * 4.403) for r in ("SP", "PV")}, "unit_change"),
-    ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change")])
+    ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change"),
+    ({"PV": np.where(K % 10 < 9, 1000, 1) * SIGNALS["PV"]}, "points_lost"),
+    ({"OP": np.where(K % 7 < 5, 1000, 1) * SIGNALS["OP"]}, "points_lost")])
 def test_doubtful_units_are_said(tmp_path, changed, code):
     assert code in noticed(tmp_path, **changed)[1]
 

@@ -41,6 +41,8 @@ EXPORTS = {
     "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
     "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
+    "values_called_measurements": Export({"plant.csv": long(lambda n, t, v: f"{n};{iso(t)};{v}", "Tag;Time;Measured value")}),
+    "workbook_in_an_archive": Export({"plant.zip": packed({"export/FIC101.xlsx": day_sheets("FIC101"), "export/PIC303.csv": single("PIC303")})}),
     "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
     "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
     "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
@@ -58,6 +60,15 @@ EXPORTS = {
     "day_of_the_year_with_offset": Export({"plant.csv": wide(lambda t: t.strftime("%Y-%jT%H:%M:%S.000Z"))}),
     "dash_before_the_clock": Export({"plant.csv": wide(lambda t: t.strftime("%Y/%m/%d-%H:%M:%S"))}),
     "clock_before_the_date": Export({"plant.csv": wide(lambda t: t.strftime("%H:%M:%S %d.%m.%Y"))}),
+    "signal_below_the_loop_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '"')}),
+    "signal_below_loop_and_unit_in_its_cell": Export({"plant.csv": wide(name=lambda n: '"' + n.replace(".", "\n") + '\n%"')}),
+    "description_behind_a_colon_between_blanks": Export({"plant.csv": wide(name=lambda n: f"{n} : Feed {n[-2:]}")}),
+    "signals_of_metso": Export({"plant.csv": wide(name=renamed(SP="{}:spv", PV="{}:me", OP="{}:con"))}),
+    "dot_behind_the_year": Export({"plant.csv": wide(lambda t: f"{t.day}.{t.month}.{t.year}. {t:%H:%M:%S}", time_name="Vrijeme")}),
+    "greek_halves_of_the_day": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y %I:%M:%S} {'πμ' if t.hour < 12 else 'μμ'}", time_name="Ώρα")}),
+    "word_before_the_clock": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y à %H:%M:%S}", time_name="Date")}),
+    "russian_months": Export({"plant.csv": wide(lambda t: f"{t.day} марта {t:%Y %H:%M:%S}", time_name="Время")}),
+    "date_and_clock_joined_by_a_colon": Export({"plant.csv": wide(lambda t: f"{t:%d%b%Y:%H:%M:%S}".upper())}),
     "stamps_in_brackets": Export({"plant.csv": wide(lambda t: t.strftime("[%Y-%m-%d %H:%M:%S]"))}),
     "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
     "japanese_output": Export({"plant.csv": wide(name=renamed(SP="{} 設定値", PV="{} 現在値", OP="{} 操作出力"), time_name="日付時刻").encode("cp932")}, notes=("encoding",)),
@@ -77,7 +88,9 @@ def test_an_export_with_names_of_its_own_gives_the_recording(key, tmp_path):
     ("Data e ora;Setpoint;Variabile di processo;Uscita", "utf-8"), ("Tid;Settpunkt;Måleverdi;Pådrag", "utf-8"),
     ("Čas;Žádaná hodnota;Měřená hodnota;Akční veličina", "cp1250"), ("시간;설정값;측정값;출력값", "cp949"),
     ("Метка времени;Уставка;Текущее значение;Выход регулятора", "cp1251"),
-    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"), ("時間;設定值;量測值;輸出", "big5")])
+    ("采样时间;给定值;过程值;阀位输出", "gb18030"), ("日時;目標値;計測値;操作量", "cp932"),
+    ("Дата и время;Заданное значение;Измеренное значение;Управляющее воздействие", "cp1251"), ("Zeit;Soll;Messwert;Stellgrad", "utf-8"),
+    ("Tarih;Ayar Noktası;Ölçüm;Vana Çıkışı", "cp1254"), ("Czas;Zadana;Pomiar;Sterowanie", "cp1250"), ("Aika;Ohjearvo;Mittausarvo;Lähtö", "utf-8"), ("時間;設定值;量測值;輸出", "big5")])
 def test_signals_of_one_loop_in_words_of_several_languages(tmp_path, header, encoding):
     rows = zip(STAMPS, *(SIGNALS[f"FIC101.{signal}"] for signal in ("SP", "PV", "OP")), strict=True)
     lines = [header, *(";".join([f"{stamp:%Y-%m-%d %H:%M:%S}", *map(str, values)]) for stamp, *values in rows)]
@@ -115,6 +128,13 @@ def test_what_stands_above_tags_is_no_legend_and_an_area_above_signals_no_loop(t
     assert [r.loop for r in read(tmp_path / "plant.csv")] == ["FIC101", "PIC303"]
     (tmp_path / "FIC101.csv").write_text("area,Unit1,Unit1,Unit1\n" + single("FIC101"))
     assert [r.loop for r in read(tmp_path / "FIC101.csv")] == ["FIC101"]
+
+
+def test_a_row_that_is_dropped_is_shown(tmp_path):
+    """It may name another loop, whose table goes on below."""
+    rows = single("FIC101").splitlines(keepends=True)
+    (tmp_path / "FIC101.csv").write_text("".join([*rows[:301], "Loop: FIC102\n", rows[0], *rows[301:]]))
+    assert any("'Loop: FIC102'" in note.message for note in read(tmp_path / "FIC101.csv").warnings)
 
 
 def test_a_month_that_does_not_exist_is_no_date(tmp_path):
