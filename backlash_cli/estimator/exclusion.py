@@ -17,7 +17,7 @@ from .width_profile import DROP
 
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER = 0.85  # widths from this share of L on
-SURE = 0.02  # of the deviation of the share at most: no gap is known better
+MOVED = 2.0  # range of OP over a dead band that it excludes
 WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs, by regression
 HIDDEN = 0.015  # chance that is left when a dead band is said to be excluded
 
@@ -39,7 +39,7 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, span: float)
     nearest = np.abs(np.log(widths / limits[:, None])).argmin(axis=1)
     told = np.column_stack([np.where(there, mean, -np.inf).max(axis=1), np.full(len(limits), (gains - mean).max()),
                             np.full(len(limits), evidence)])
-    expected = np.median([0.5 / np.maximum(test.deviation, SURE) ** 2 for test in tests], axis=0)[nearest]
+    expected = np.median([0.5 / np.maximum(test.deviation, 1e-6) ** 2 for test in tests], axis=0)[nearest]
     return np.column_stack([np.sign(told) * np.log1p(np.abs(told)), np.full(len(limits), np.log(max(length, 1.0))),
                             np.log(span / limits), expected])
 
@@ -51,8 +51,8 @@ def chance_hidden(signs: FloatArray) -> FloatArray:
 
 def excluded(tests: Sequence[GapTest], evidence: float, length: float, span: float) -> float | None:
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
-    found = signs(tests, evidence, length, span)
-    shown, seen = found[:, -1] >= DROP, MOTION * np.array(LIMITS) <= span
-    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (seen & ~shown)
+    found, limits = signs(tests, evidence, length, span), np.array(LIMITS)
+    shown = found[:, -1] >= DROP
+    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (~shown & (MOTION * limits <= span))
     beyond = int(np.append(-1, np.flatnonzero(hidden))[-1]) + 1
-    return LIMITS[beyond] if beyond < len(LIMITS) and shown[beyond] else None
+    return LIMITS[beyond] if beyond < len(limits) and (shown & (MOVED * limits <= span))[beyond] else None

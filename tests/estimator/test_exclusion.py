@@ -45,6 +45,13 @@ def test_nothing_is_excluded_that_would_not_have_shown():
         assert excluded(vague, -4.0, 3000.0, 6.0) == limit
 
 
+def test_op_must_have_moved_twice_as_far_as_the_dead_band_that_it_excludes():
+    """What OP hardly crossed is not excluded, however well PV is explained without it."""
+    clean = [gap(0.1, 0.0, 0.2)] * 4
+    assert excluded(clean, -4.0, 30000.0, 1.7) == LIMITS[0] == 0.8
+    assert excluded(clean, -4.0, 30000.0, 1.5) is None
+
+
 def test_a_longer_record_excludes_more():
     signs_of = [signs([gap(0.5, 0.1, 0.2)] * 3, 0.0, length, 12.0) for length in (30.0, 300.0, 3000.0)]
     rows = [found[LIMITS.index(1.5), :-1] for found in signs_of]
