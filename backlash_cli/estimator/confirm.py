@@ -98,9 +98,9 @@ class Study(Frozen):
     def excludes(self, evidence: float) -> float | None:
         """The smallest dead band [%] that the record excludes. It must show that PV answers OP: the play of a valve
         that never moved is wider than all OP did. One event proves absence no more than presence."""
-        answers = any(answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked)
-        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span) if answers else None
-        return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS else None
+        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span)
+        answers = (answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked)
+        return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS and any(answers) else None
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:

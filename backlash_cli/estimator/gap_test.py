@@ -146,7 +146,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
 
 def answers_output(p: Predictor, K: float | None, Ti: float, interval: float) -> bool:
     """Whether PV's answer to OP, as the prediction has it, is one of a process. K, Ti, interval: as `gaps_tested`."""
-    b = np.asarray(np.linalg.solve(p.gram, p.columns @ p.target), dtype=np.float64)[None]
+    b = p.coefficients[None]
     return bool(_possible(p, b, b[:, p.past_output], K, Ti, interval, SEEN_TIED)[0])
 
 
@@ -169,7 +169,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     diagonal *= 1.0 + 1e-6
     diagonal += 1e-9
     answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
-    beside: FloatArray = np.asarray(np.linalg.solve(p.gram, p.columns @ p.target) - (solved @ answer)[..., 0])
+    beside = p.coefficients - (solved @ answer)[..., 0]
     gained = np.sum(answer[..., 0] * right, axis=1)
     return _gain(gained / p.loss, p.rows - len(p.columns)), answer[..., 0], beside
 

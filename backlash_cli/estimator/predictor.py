@@ -86,10 +86,9 @@ class Predictor(Frozen):
     """A fitted prediction and all that is needed to ask whether something more explains PV.
 
     columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
-    the weights (rows,), so that sums over rows are weighted ones. gram: of the columns. past_measurement,
+    the weights (rows,), so that sums over rows are weighted ones. coefficients, gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
-    loss: sum of squared errors, that of an imperfect model included. every: 1 where all rows are there, 2 where every
-    second one is ..
+    loss: sum of squared errors, that of an imperfect model included. every: how many rows were there for each taken.
     """
 
     size: int
@@ -98,6 +97,7 @@ class Predictor(Frozen):
     target: FloatArray
     weights: FloatArray
     error: FloatArray
+    coefficients: FloatArray
     gram: FloatArray
     loss: float
     past_measurement: slice
@@ -203,7 +203,7 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
     error = y - b @ H
     floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2)
     output, latest, recent = levels + lags.count, levels + 2 * lags.count, len(_last_lengths(recordings[0].size))
-    return Predictor(recordings[0].size, lags, H, y, w, error, gram, float(error @ error) + floor,
+    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(error @ error) + floor,
                      slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
 
