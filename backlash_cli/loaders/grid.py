@@ -17,14 +17,11 @@ from ..record import FloatArray, Frozen, IntArray, Note, duration, utc_text
 from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min
-SECOND = 1_000_000
-HOUR, DAY = 3600 * SECOND, 86_400 * SECOND
-OUTLIER_SHARE = 0.01  # of the stamps that may lie far from all others:
-FAR = 10.0  # times the distance of their 5 % and 95 % quantiles, and two days
+SECOND, HOUR, DAY = 1_000_000, 3_600_000_000, 86_400_000_000  # microseconds
+OUTLIER_SHARE, FAR = 0.01, 10.0  # of the stamps may lie far from others: that times what 90 % span, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 FINEST = 1000  # microseconds: no controller is that fast
-MAX_HOLE = 5  # absent samples that may be bridged when nothing else is known
-ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
+MAX_HOLE, ABSENT_ROWS = 5, 60  # absent samples that may be bridged, and that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
 GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may bridge
 MAX_GROWTH = 200  # grid points per recorded row

@@ -13,7 +13,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, lru_cache, partial, reduce
-from itertools import accumulate, chain, islice
+from itertools import accumulate, chain, islice, pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 from zipfile import BadZipFile, ZipFile
@@ -24,16 +24,15 @@ from ..errors import InputError
 from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
+from .grid import DAY
 from .layouts import Head
 from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
 from .sources import is_export, stem_of
 from .states import quality_words
-from .times import DOTTED, stamp_kind
+from .times import DOTTED, StampReader, stamp_kind
 
-CHUNK = 1 << 20  # bytes that are read at once
-BLOCK = 4 << 20  # bytes of text that are handed on at once
-SAMPLE = 64 << 10  # bytes that tell how a text is encoded
+CHUNK, BLOCK, SAMPLE = 1 << 20, 4 << 20, 64 << 10  # bytes: read at once, handed on at once, that tell the encoding
 # Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
@@ -50,12 +49,14 @@ _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 WORKBOOKS = (".xlsx", ".xlsm")
 DELIMITERS = (",", ";", "\t", "|", " ")
-# Lines of columns that blanks align, and lines that are one cell in quotes each: what is put in the place of what.
+# Lines of columns that blanks align, lines that are one cell in quotes each, and cells that a spreadsheet is to take as
+# they are, ="5.30": what is put in the place of what.
 _REWRITTEN = (
     (re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*$"),
      ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
     (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
-     ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))))
+     ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
+    (re.compile(r'^="[^"]*"(?:[,;\t]="[^"]*")*$'), ((re.compile(rb'="([^"\r\n]*)"'), rb'"\1"'),)))
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED = 40  # lines at most of one cell in quotes
@@ -238,8 +239,7 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
         raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
     if not found:
         raise InputError(**explained("empty_archive"), where=str(path))
-    return [part for name, opened in found for part in (
-        sheets(opened, name, f"{path}: {name}") if name.lower().endswith(WORKBOOKS) else [(name, opened)])]
+    return found
 
 
 def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[str, Callable[[], Any]]]:
@@ -259,7 +259,7 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
              for sheet, rows in book.items() if len(rows) > 1]
     if not found:
         raise InputError(**explained("empty_workbook"), where=where)
-    return found if len(found) > 1 else [(name, found[0][1])]
+    return found if len(found) > 1 else [(stem_of(name), found[0][1])]
 
 
 def head_of(text: Text, stem: str, home: str) -> Head:
@@ -317,7 +317,21 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
     return Head(where, title if titled else stem, names, (), kinds, home,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end, lines[first - 1][2] if titled else "")
+                lines[first][1], end, lines[first - 1][2] if titled else "",
+                _day_above(before.values(), text) if "clock" in kinds and "time" not in kinds else 0)
+
+
+def _day_above(rows: Iterable[list[str]], text: Text) -> int:
+    """Midnight [microseconds since 1970] of the one date that lines above name, as Date: 2026-04-13 does; else 0."""
+    days = {day.strip() for row in rows for name, day in (*pairwise(row), *(cell.partition(":")[::2] for cell in row))
+            if is_column(name, "time") and kind(day) == "time"}
+    reader = StampReader(["date"], ReadOptions(), text.where)
+    with contextlib.suppress(InputError):  # an open one
+        stamps = reader.take([pa.chunked_array([[*days]], pa.string())])
+        if len(days) == 1 and (day := int(reader.finish()(stamps)[0]) // DAY * DAY) > 0:
+            text.notes.append(noted("day_above", day=days.pop()))
+            return day
+    return 0
 
 
 def _at_edges(ruler: str) -> tuple[re.Pattern[str], tuple[tuple[re.Pattern[bytes], bytes], ...]]:

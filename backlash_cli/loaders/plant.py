@@ -120,9 +120,7 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
         """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""
         lost = tuple(sorted(more, key=lambda note: str(note.values["loop"])))
         if lost and not read:
-            first = lost[0]
-            raise LoopError(f"no loop could be read; {first.message}" if len(lost) > 1 else first.message,
-                            code=first.code)
+            raise LoopError("no loop could be read; " * (len(lost) > 1) + lost[0].message, code=lost[0].code)
         return lost
 
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from typing import IO, Any
-from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,7 @@ from .grid import NAT, Times
 from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
-IN_MEMORY = 128 << 20  # bytes of samples that are kept in memory, over all files of a run
-PIECE = 1 << 20  # rows that are looked at together
+IN_MEMORY, PIECE = 128 << 20, 1 << 20  # bytes of samples in memory, over all files; rows that are looked at together
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
@@ -61,14 +59,10 @@ class Room:
         """Append a column to the scratch file, which other processes can read. Raises BacklashError without room."""
         try:
             if self._file is None:
-                self._file = tempfile.NamedTemporaryFile("w+b", buffering=0, prefix="backlash-",  # noqa: SIM115
-                                                         delete=False)
-                self._path = f"/proc/{os.getpid()}/fd/{self._file.fileno()}"
-                if os.path.exists(self._path):
-                    os.unlink(self._file.name)
-                else:
-                    self._path = self._file.name
-                    finalize(self, _remove, self._file)
+                unnamed = os.path.isdir("/proc/self/fd")
+                create = tempfile.TemporaryFile if unnamed else tempfile.NamedTemporaryFile
+                self._file = create("w+b", buffering=0, prefix="backlash-")
+                self._path = f"/proc/{os.getpid()}/fd/{self._file.fileno()}" if unnamed else self._file.name
             place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
             while view:
                 view = view[self._file.write(view) :]
@@ -78,11 +72,6 @@ class Room:
 
     def __getstate__(self) -> dict[str, Any]:
         return {"left": self.left, "_file": None, "_path": ""}
-
-
-def _remove(file: IO[bytes]) -> None:
-    file.close()
-    os.unlink(file.name)
 
 
 class Store:

@@ -25,7 +25,7 @@ from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_numb
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import explained, is_whole, noted, signal_role, undated
-from .opening import Text, head_of, kind, kind_of, members, sheets, split_line
+from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, sheets, split_line
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Source, stem_of, told_by
@@ -204,31 +204,32 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
     """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
     needed: says whether samples of a signal are. taken: called with the bytes that were read."""
-    path, stem = source.path, undated(stem_of(source.path.name))
-    kind = kind_of(path)
+    path, stem, kind = source.path, undated(stem_of(source.path.name)), kind_of(source.path)
     if kind == "parquet":
         taken(path.stat().st_size)
-    parts: Sequence[tuple[str, Callable[[], Any] | None]] = (
-        sheets(partial(path.open, "rb", buffering=0), path.name, str(path)) if kind == "workbook" else
-        members(path) if kind == "archive" else [(path.name, None)])
+    parts: list[tuple[str, Callable[[], Any] | None]] = [*members(path)] if kind == "archive" else [
+        (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
     found: list[Series] = []
     notes: list[Note] = []
     problems: list[InputError] = []
-    for name, opened in parts:
+    books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
+    for name, opened in parts:  # a workbook is followed by its sheets
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
-        home = told_by((stem, *folders), file) if opened else source.home
-        name = undated(stem_of(file))
+        home, own = told_by((stem, *folders), file) if opened else source.home, undated(stem_of(file))
         try:
-            table = ParquetTable(path, name, options, home) if kind == "parquet" else TextTable(
-                Text(path, options, taken, opened), name, home)
+            if opened and name in books:
+                parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}")
+                continue
+            table = ParquetTable(path, own, options, home) if kind == "parquet" else TextTable(
+                Text(path, options, taken, opened), own, home)
             layout = layout_of(table.head, options)
         except InputError as error:
             problems.append(error)
-            notes.append(noted("passed_over", name=name, error=error))
+            notes.append(noted("passed_over", name=own, error=error))
             continue
         found += _signals(table, layout, options, needed, room)
         notes += table.notes
-    if len(problems) == len(parts):
+    if problems and not found:
         raise problems[0]
     return found, notes
 
@@ -248,8 +249,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     if not layout.naming:  # what is still blank may be a tag of the loops file
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
-    readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair])
-               for pair in layout.stamps]
+    readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
+                           head.day) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (

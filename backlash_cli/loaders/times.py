@@ -147,16 +147,18 @@ def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
 
 class StampReader:
     """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day.
-    units: of each that holds a part of them, what part it is."""
+    units: of each that holds a part of them, what part it is. day: of the first of them that have no date, or 0."""
 
-    def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",)) -> None:
+    def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",),
+                 day: int = 0) -> None:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
         self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
-        self._of_day: int | None = None  # last time of day without a date, counted on past midnight
+        self._of_day = day or None  # last time of day without a date, counted on past midnight
+        self._without_offset = False if day else None
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
@@ -286,7 +288,7 @@ class StampReader:
         known, out = np.flatnonzero(micros != NAT), micros.copy()
         last = self._of_day or int(micros[known[:1]].sum())
         out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
-        self._zones |= {None} if len(known) else set()
+        self._zones |= {self._without_offset} if len(known) else set()
         self._of_day = int(out[known[-1]]) if len(known) else last
         return out
 
@@ -406,12 +408,9 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
         days = np.any([(known >= low) & (known < high) for low, high in WORDS["stamps"]["dates"]], axis=0)
         repeated = np.count_nonzero(np.diff(known) == 0) > 0.5 * len(known)  # many rows a day
         return bool(len(known) and np.all(days & (known % 1 == 0)) and (repeated or known[0] >= 1.9e7))
-    for some in (column.slice(0, 9), column):  # where there are times of day the first rows tell
-        stamps = StampReader([name], options, where).take([some])
-        stamps = stamps[stamps != NAT]
-        if np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY):
-            return False
-    return True
+    stamps = StampReader([name], options, where).take([column])
+    stamps = stamps[stamps != NAT]
+    return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
 
 
 def unit_of(known: FloatArray, name: str) -> str:

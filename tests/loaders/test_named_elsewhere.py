@@ -73,6 +73,11 @@ EXPORTS = {
     "no_blank_before_other_scripts": Export({"plant.csv": wide(name=renamed(SP="{}设定值", PV="{}测量值", OP="{}输出"), time_name="时间")}),
     "japanese_output": Export({"plant.csv": wide(name=renamed(SP="{} 設定値", PV="{} 現在値", OP="{} 操作出力"), time_name="日付時刻").encode("cp932")}, notes=("encoding",)),
     "french_command": Export({"plant.csv": wide(name=renamed(SP="{}.Consigne", PV="{}.Mesure", OP="{}.Commande"), time_name="Horodatage")}),
+    "cells_a_spreadsheet_leaves_alone": Export({"plant.csv": "".join(";".join(f'="{c}"' for c in line.split(";")) + "\n" for line in wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma).splitlines())}),
+    "logs_of_a_tag": Export({"plant.csv": wide(name=lambda n: f'"{n.replace(".", ":")},Log1s"')}),
+    "day_above_times_of_day": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before="Trend export\nDate: 2026-03-17\n\n")}, notes=("day_above",)),
+    "day_beside_its_name_above": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", delimiter=";", value=comma, time_name="Uhrzeit", before="Protokoll;Anlage 4\nDatum;17.03.2026\n\n")}, notes=("day_above",)),
+    "damaged_workbook_in_an_archive": Export({"plant.zip": packed({"trend.xlsx": b"PK\x03\x04" + bytes(200), **{f"{loop}.csv": single(loop) for loop in RANGES}})}, notes=("passed_over",)),
     "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
 }  # fmt: skip
 
@@ -164,3 +169,12 @@ def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
     (tmp_path / "plant.csv").write_bytes(long(of_sample, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
     record = read(tmp_path / "plant.csv")["FIC101"]
     assert np.count_nonzero(record.usable) == len(STAMPS) - 200
+
+
+@pytest.mark.parametrize("above", ["Printed: 2026-03-18", "Date: 2026-03-17\nDate: 2026-03-18", "Date: 03/04/2026"])
+def test_a_day_above_that_may_be_another_is_not_taken(tmp_path, above):
+    (tmp_path / "plant.csv").write_text(wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before=f"{above}\n\n"))
+    plant = read(tmp_path)
+    assert all(f"{record.time[0]:.0f}" == str(86_100) for record in plant)
+    assert "relative_time:of_day" in {note.code for record in plant for note in record.notes} | {
+        note.code for note in plant.warnings} or any("1970" in n.message for record in plant for n in record.notes)
