@@ -315,7 +315,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    return Head(where, title if titled else stem, names, (), kinds, home,
+    return Head(where, title if titled else stem, names, (), kinds, "" if titled else home,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "",
                 _day_above(before.values(), text) if "clock" in kinds and "time" not in kinds else 0)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cache, reduce
@@ -66,14 +65,15 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
 
 def _below(folder: Path | Remote) -> list[Source]:
     files = folder.files_below() if isinstance(folder, Remote) else [
-        (*parts, name) for root, _, names in os.walk(folder) for parts in [Path(root).relative_to(folder).parts]
-        for name in names]
+        path.relative_to(folder).parts for path in folder.rglob("*") if path.is_file()]
     listed: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)  # a folder in or below it -> its files
     for *parts, name in files:
         if not any(part.startswith((".", "_")) for part in parts):
             listed[tuple(parts)].append(name)
     folders = sorted((way, frozenset(names)) for way, names in listed.items())
-    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name), beside)
+    alike = Counter(name for name, _ in {(name, told_by(way, "data.")) for way, names in folders for name in names})
+    found = [Source(reduce(truediv, (*way, name), folder),
+                    told_by((folder.name, *way), name, alike[name] > 1 and not re.search(r"\d", stem_of(name))), beside)
              for way, beside in folders for name in sorted(filter(is_export, beside))]
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
@@ -82,13 +82,13 @@ def _below(folder: Path | Remote) -> list[Source]:
     return found
 
 
-def told_by(folders: Sequence[str], name: str) -> str:
+def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     """Return the loop, or tag, that folders on the way to a file name, as loop=FIC101 does; the nearest that is called
-    after something where the file is called after its signal, its day or its number alone."""
+    after something where the file is called after its signal, its day or its number alone, or `alike` in others."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
     stem = stem_of(name)
-    if not loops and not tags and (_PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
+    if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
         loops = [undated(part) for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
     return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")

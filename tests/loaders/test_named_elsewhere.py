@@ -77,6 +77,8 @@ EXPORTS = {
     "logs_of_a_tag": Export({"plant.csv": wide(name=lambda n: f'"{n.replace(".", ":")},Log1s"')}),
     "day_above_times_of_day": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before="Trend export\nDate: 2026-03-17\n\n")}, notes=("day_above",)),
     "day_beside_its_name_above": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", delimiter=";", value=comma, time_name="Uhrzeit", before="Protokoll;Anlage 4\nDatum;17.03.2026\n\n")}, notes=("day_above",)),
+    "files_called_alike_in_folders_of_loops": Export({f"plant/{loop}/trend.csv": single(loop) for loop in RANGES}, inputs=("plant",)),
+    "tag_above_files_called_after_signals": Export({f"plant/{k // 3}/{n[7:]}.csv": f"Tag: {n}\nTime,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for k, (n, v) in enumerate(SIGNALS.items())}, inputs=("plant",)),
     "damaged_workbook_in_an_archive": Export({"plant.zip": packed({"trend.xlsx": b"PK\x03\x04" + bytes(200), **{f"{loop}.csv": single(loop) for loop in RANGES}})}, notes=("passed_over",)),
     "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
 }  # fmt: skip
