@@ -42,7 +42,7 @@ class Lexicon(Frozen, eq=False):
         rest = np.flatnonzero(np.isnan(values)).tolist()
         comma = "," in (self.decimal, decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
         for i in rest:
-            values[i], units[i] = _with_unit(self.words[i].strip(), comma)
+            values[i], units[i] = _with_unit(self.words[i].strip().lstrip("'"), comma)
         return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
 
 

@@ -24,8 +24,7 @@ from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic
 
-CHUNK = 2_000_000  # rows of a loop that are in memory at once
-MARGIN = 2000  # rows around a chunk that decide on its samples: holes, limits, records that still hold
+CHUNK, MARGIN = 2_000_000, 2000  # rows in memory at once; around them, that tell of holes, limits, what still holds
 LONGEST_FILL = 60  # samples, however slow the controller
 
 

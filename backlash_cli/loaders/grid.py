@@ -24,8 +24,7 @@ FINEST = 1000  # microseconds: no controller is that fast
 MAX_HOLE, ABSENT_ROWS = 5, 60  # absent samples that may be bridged, and that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
 GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may bridge
-MAX_GROWTH = 200  # grid points per recorded row
-JITTER = (0.3, 1.7)
+MAX_GROWTH, JITTER = 200, (0.3, 1.7)  # grid points per recorded row; spacings over the usual one
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
 

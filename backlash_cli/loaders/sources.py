@@ -87,7 +87,9 @@ def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     after something where the file is called after its signal, its day or its number alone, or `alike` in others."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
-    stem = stem_of(name)
+    stem, folder = stem_of(name), folders[-1] if folders else ""
+    if len(folder) == 2 and signal_role(folder) and not signal_role(stem):  # PV/FIC101.csv
+        tags = [f"{stem}.{folder}"]
     if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
         loops = [undated(part) for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
