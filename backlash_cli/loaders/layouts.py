@@ -237,9 +237,7 @@ def _leading(head: Head) -> int:
 def _pairs(head: Head) -> Layout:
     """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
     lead = _leading(head)
-    stamps: list[tuple[int]] = []
-    quality: dict[int, tuple[int, ...]] = {}
-    values: list[int] = []
+    stamps, values, quality = list[tuple[int]](), list[int](), dict[int, tuple[int, ...]]()
     for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
         block = [i for i in range(column - lead, end - lead) if i != column and (
             head.names[i] or not pa.types.is_null(head.columns[i].type))]

@@ -81,8 +81,7 @@ def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata
                 raise InputError(**explained("table", problem=str(error).split("\n")[0][:300])) from None
     opened = open_plant(inputs, loops=loops, options=options)
     joiner = Joiner((options or ReadOptions()).good_quality)
-    records: list[Record] = []
-    failures: list[Note] = []
+    records, failures = list[Record](), list[Note]()
     for recipe in opened.recipes:
         try:
             records.append(recipe.record(joiner))
@@ -134,8 +133,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     sources = find_sources(given)
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
-    series: list[Series] = []
-    problems: dict[str, BacklashError] = {}
+    series, problems = list[Series](), dict[str, BacklashError]()
     needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
     for source in sources:
         try:

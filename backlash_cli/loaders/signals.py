@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from typing import IO, Any
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,10 +60,13 @@ class Room:
         """Append a column to the scratch file, which other processes can read. Raises BacklashError without room."""
         try:
             if self._file is None:
-                unnamed = os.path.isdir("/proc/self/fd")
-                create = tempfile.TemporaryFile if unnamed else tempfile.NamedTemporaryFile
-                self._file = create("w+b", buffering=0, prefix="backlash-")
-                self._path = f"/proc/{os.getpid()}/fd/{self._file.fileno()}" if unnamed else self._file.name
+                if os.path.isdir("/proc/self/fd"):  # where a file needs no name to be opened by others
+                    self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
+                    self._path = f"/proc/{os.getpid()}/fd/{self._file.fileno()}"
+                else:
+                    self._file = tempfile.NamedTemporaryFile(buffering=0, prefix="backlash-", delete=False)  # noqa: SIM115
+                    self._path = self._file.name
+                    finalize(self, _remove, self._file)
             place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
             while view:
                 view = view[self._file.write(view) :]
@@ -72,6 +76,11 @@ class Room:
 
     def __getstate__(self) -> dict[str, Any]:
         return {"left": self.left, "_file": None, "_path": ""}
+
+
+def _remove(file: IO[bytes]) -> None:
+    file.close()
+    os.unlink(file.name)
 
 
 class Store:
@@ -370,11 +379,9 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
 
 
 def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
-    notes: list[Note] = []
-    groups: dict[str, list[Series]] = {}
+    notes, groups, chosen = list[Note](), defaultdict[str, list[Series]](list), list[Series]()
     for item in series:
-        groups.setdefault(item.axis.where, []).append(item)
-    chosen: list[Series] = []
+        groups[item.axis.where].append(item)
     priority = {word: i for i, word in enumerate(SIGNALS.get(role, "").split())}
     for where, items in groups.items():
         # FIC101.PV goes before FIC101.PV.MAX and "Deviation [FIC101.PV]"

@@ -209,9 +209,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         taken(path.stat().st_size)
     parts: list[tuple[str, Callable[[], Any] | None]] = [*members(path)] if kind == "archive" else [
         (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
-    found: list[Series] = []
-    notes: list[Note] = []
-    problems: list[InputError] = []
+    found, notes, problems = list[Series](), list[Note](), list[InputError]()
     books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
     for name, opened in parts:  # a workbook is followed by its sheets
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder

@@ -115,8 +115,7 @@ def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ..
             gain[max(0, k - apart) : k + apart + 1] = 0.0
         return int(np.argmax(gain))
 
-    chosen: list[int] = []
-    sets = []
+    chosen, sets = list[int](), list[tuple[float, ...]]()
     for _ in range(count):
         chosen.append(best(chosen))
         # the others are looked at again, now that this one is there
