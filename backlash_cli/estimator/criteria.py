@@ -16,6 +16,7 @@ SOME = 5.0  # nats: worth a look
 ELSEWHERE = 2.0  # nats that a test in manual must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
 CONFIDENCE = ((5.0, 0.4), (6.5, 0.6), (10.0, 0.8), (15.0, 0.87), (25.0, 0.93), (40.0, 0.96), (70.0, 0.98))
+UNLIKE, UNSURE = 0.5, 0.92  # of what a gap explains: where gaps that forget explain more, however much it is
 CONFIDENCE_TESTED = ((5.0, 0.80), (9.0, 0.95), (20.0, 0.97))  # the same of tests in manual (strangers --kind manual)
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes
 MOTION, LEAST_MOTION = 1.5, 1.2  # range of OP over a dead band that it can show; the least, with evidence for three
@@ -34,10 +35,12 @@ class Reading(Frozen):
     against: tuple[Note, ...] = ()
 
 
-def confidence(evidence: float, tested: bool = False) -> float:
-    """How often a dead band found with so much evidence [nats] is there, in automatic or in a test in manual."""
+def confidence(evidence: float, tested: bool = False, imitated: float = 0.0) -> float:
+    """How often a dead band found with so much evidence [nats] is there, in automatic or in a test in manual. imitated:
+    what gaps that forget, as no valve does, explain of what it explains."""
     at, right = zip(*(CONFIDENCE_TESTED if tested else CONFIDENCE), strict=True)
-    return float(np.interp(np.log(max(evidence, 1.0)), np.log(at), right))
+    sure = float(np.interp(np.log(max(evidence, 1.0)), np.log(at), right))
+    return min(sure, UNSURE) if imitated > UNLIKE else sure
 
 
 def by_hand(c: Confirmation) -> bool:

@@ -24,8 +24,7 @@ from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
 LEAST_ROWS = 60
 MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
 WINDOW = 10.0  # Ti per window: long enough for K/Ti, short enough for drift that is not the controller's
-FIRST_WINDOW = 200  # rows, before Ti is known
-MIN_WINDOW = 20  # rows
+FIRST_WINDOW, MIN_WINDOW = 200, 20  # rows: before Ti is known, and at least
 LONGEST_FILTER = 0.3  # Tf / Ti: the tool's own default is 0.1, Td/5 is below
 SLOWEST = 64.0  # rows per Ti above which the next slower picture serves as well
 UNCLEAR_FILTER = 0.2  # Tf / Ti

@@ -174,7 +174,8 @@ def _in_automatic(f: Findings) -> Decision:
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
-    sure = confidence(float(c.details["evidence"]), by_hand(c))
+    imitated = float(c.details.get("imitation", 0.0)) / max(float(c.details.get("gain", 0.0)), 1e-9)
+    sure = confidence(float(c.details["evidence"]), by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:

@@ -7,8 +7,7 @@ from ..results import Confirmation
 
 NARROWEST = 0.4  # % of span: the narrowest width tried
 TURN = 0.9  # of the range of OP: wider gaps were never crossed in both directions
-TRACE = 3.0  # nats of evidence that are a trace of a gap
-DROP = 1.92  # nats: 95 % of a likelihood
+TRACE, DROP = 3.0, 1.92  # nats: of evidence, a trace of a gap; of a likelihood, 95 %
 
 
 def about(widths: FloatArray, j: int, count: int) -> FloatArray:

@@ -39,8 +39,7 @@ HOLDS, FEWEST_HELD = (1.5, 3.0), 20.0  # integral times beyond the dead time tha
 ACROSS = (2.0, 4.0)  # moves of the valve worth trying, in dead bands of the target's size
 OVER = 1.1  # what a move may go beyond a limit before it counts as beyond it: repeats differ
 OVERSHOOT = 1.3  # of PV beyond what is expected of it, that limits must allow for
-FEW = 20  # repeats that tell how far a test moves PV
-POINTS = 400  # of a drawn course
+FEW, POINTS = 20, 400  # repeats that tell how far a test moves PV; of a drawn course
 
 
 class PlanOptions(Frozen):

@@ -89,6 +89,13 @@ def test_confidence_grows_with_the_evidence_and_stays_below_certainty():
     assert sure[-1] == 0.98
 
 
+@pytest.mark.parametrize(("imitation", "most"), [(29.0, 0.98), (31.0, 0.92)])
+def test_much_evidence_is_less_sure_where_shapes_of_no_valve_explain_half_of_it(imitation, most):
+    details = {**DETAILS, "evidence": 200.0, "gain": 60.0, "imitation": imitation}
+    decision = decide(findings(confirmation=replace(FOUND, details=details)))
+    assert decision.verdict is Verdict.BACKLASH and decision.confidence == pytest.approx(most)
+
+
 def test_compressed_pv_needs_both_methods():
     limits = (Note("compressed_linear", "", {"effect": "limits"}),)
     assert decide(findings(quality=limits)).verdict is Verdict.BACKLASH
