@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from ..effects.process import delayed_lag
-from ..estimator.criteria import FEWEST_CROSSINGS, MOTION
+from ..estimator.criteria import CALLED_TESTED, FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 from ..kernels import gap_crossings, play
@@ -330,7 +330,7 @@ def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: F
 
 
 def _limit(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArray, gains: FloatArray) -> float | None:
-    """Smallest dead band [% of span] from which on each would have left a trace, and left none; None if there is none.
+    """Smallest dead band [% of span] that would have left a trace and did not, each wider one too or refuted; or None.
 
     What the best model without a dead band says of PV is said of a valve with one; what of it no answer without one
     explains is, over twice the variance of the errors, the evidence to expect, its deviation the root of twice that.
@@ -346,8 +346,9 @@ def _limit(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArr
         said = np.einsum("c,rcm->mr", b, X)
         left = n * min(float(_likelihoods(straight, y, even, rounds=0)[0].variance.min()) for y in said)
         expected = 0.5 * n * np.log1p(left / (n * none.variance[k, 0]))
-        if expected - SURE * np.sqrt(2.0 * expected) < TRACE or float(np.interp(d, widths, gains)) > -DROP:
+        seen = expected - SURE * np.sqrt(2.0 * expected) >= TRACE
+        if np.interp(d, widths, gains) > -(DROP if seen else CALLED_TESTED):  # PV may answer to what it would hide
             break
-        if data.crossings(float(d)) >= FEWEST_CROSSINGS:  # a wider gap is one that OP crosses less, and hides more
+        if seen and data.crossings(float(d)) >= FEWEST_CROSSINGS:  # a wider gap is crossed less, and hides more
             limit = float(d)
     return limit

@@ -214,3 +214,17 @@ def test_answers_are_those_of_their_differential_equations(answer):
 def test_at_no_dead_band_the_stem_is_op():
     u = wander(200, 1)
     np.testing.assert_array_equal(play(u, 0.0, u[0] + 3.0), u)
+
+
+SMALL_STEPS = "duduuduuddd"  # of 1.8 %, over 5.4 % in all
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gap_too_wide_to_be_missed_is_refuted_by_each_small_answer(seed):
+    """Of a gap as wide as OP moves little evidence would come; but PV could not answer each step, as it does here."""
+    load = wander(LEAD + 12 * HOLD, seed, 0.2)
+    limit = look(Plant(seed=seed, load=load, noise=0.1), SMALL_STEPS, step=1.8).limit_of_detection
+    assert limit is not None and limit < 0.02
+    for d in (2.5, 3.5, 4.5):  # and where there is one, no limit lies below it
+        limit = look(Plant(d, seed=seed, load=load, noise=0.1), SMALL_STEPS, step=1.8).limit_of_detection
+        assert limit is None or limit > d / 100
