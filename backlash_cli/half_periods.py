@@ -117,7 +117,7 @@ def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
     """Return which places in `index` (samples,) do not follow the one before; `before` stands ahead."""
     apart = np.zeros(len(index), bool)
     if index[-1] - before != len(index):  # strictly increasing: else nothing is left out
-        apart[:] = np.diff(index, prepend=before) != 1
+        apart[0], apart[1:] = index[0] != before + 1, index[1:] != index[:-1] + 1
     return apart
 
 
@@ -145,7 +145,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
-    ends = np.flatnonzero((sign[1:] != sign[:-1]) & (sign[:-1] != 0) | apart)  # last sample of each that ends
+    ends = np.flatnonzero((sign[1:] * sign[:-1] < 0) | apart)  # last sample of each that ends
     firsts, crossed, before, behind = np.append(0, ends + 1), ~apart[ends], size[ends], size[ends + 1]
     # how much of the step to the next sample lies before the error crosses zero
     share = np.divide(before, before + behind, out=np.zeros(len(ends)), where=crossed)
@@ -165,7 +165,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
     small = done.complete & ((done.area < least[0]) | (end - done.begin < least[1]))
-    return done.select((done.direction != 0) & ~small), left, int(np.count_nonzero(small))
+    return done.select(np.flatnonzero((done.direction != 0) & ~small)), left, int(np.count_nonzero(small))
 
 
 class ErrorTrack:
@@ -223,8 +223,8 @@ class ErrorScanner:
             plain, self.states[0] = self.stages[0].run(pv, self.states[0], holes)
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
             self.last_index = int(index[-1])
-            use = (state <= FILLED) & np.isfinite(setpoint)
-            if not use.all():
+            use = np.flatnonzero((state <= FILLED) & np.isfinite(setpoint))
+            if len(use) < len(index):
                 index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
             self.plain.update(np.subtract(setpoint, plain, out=plain), setpoint, index)
             self.smooth.update(np.subtract(setpoint, smooth, out=smooth), setpoint, index)

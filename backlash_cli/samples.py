@@ -27,7 +27,7 @@ FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie ou
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     return edges[0::2], edges[1::2]
 
 
@@ -97,17 +97,18 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where samples are exactly 0, up to LONE in a row, or one of STANDINS, and lie far outside all
     others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; or beyond LARGEST, as 3.4e38 is;
     None where there are none."""
+    outer = float(np.fmin.reduce(values, initial=np.inf)), float(np.fmax.reduce(values, initial=-np.inf))
+    if max(-outer[0], outer[1]) > LARGEST:
+        beyond = np.abs(values) > LARGEST
+        return beyond if (further := no_values(np.where(beyond, np.nan, values))) is None else beyond | further
     found: NDArray[np.bool_] | None = None
-    if (beyond := np.abs(values) > LARGEST).any():
-        values, found = np.where(beyond, np.nan, values), beyond
-    for number in sorted({0.0, *STANDINS} & {0.0, float(np.fmin.reduce(values, initial=np.inf)),
-                                             float(np.fmax.reduce(values, initial=-np.inf))}, key=abs, reverse=True):
+    for number in sorted({0.0, *STANDINS} & {0.0, *outer}, key=abs, reverse=True):
         same = values == number
         rest = values[~same & np.isfinite(values)] if same.any() else values[:0]
         if len(rest) < 20:
             continue
         low, high = float(rest.min()) - number, float(rest.max()) - number
-        if max(low, -high) <= max(FAR * quantile(np.abs(np.diff(rest)), 0.999), 0.2 * (high - low)):
+        if (away := max(low, -high)) <= 0.2 * (high - low) or away <= FAR * quantile(np.abs(np.diff(rest)), 0.999):
             continue
         if not number:
             starts, ends = runs(same)
@@ -120,20 +121,21 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
 def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
-    rows = np.flatnonzero(values > 0.0)
-    sizes, least = values[rows], np.log(CONVERTED)
-    if len(rows) < 100 or sizes.max() < CONVERTED * sizes.min():
+    positive, least = values > 0.0, np.log(CONVERTED)
+    sizes = values if positive.all() else values[positive]
+    if len(sizes) < 100 or sizes.max() < CONVERTED * sizes.min():
         return 0, 0
     sizes = np.log(sizes)
     steps = np.abs(np.diff(sizes))
-    if np.mean(np.abs(steps - np.log(1000.0)) < np.log(1.5)) > max(0.01, 0.9 * np.mean(steps > least)):
+    jumps = np.count_nonzero(np.abs(steps - np.log(1000.0)) < np.log(1.5))
+    if jumps > max(0.01 * len(steps), 0.9 * np.count_nonzero(steps > least)):
         return 0, int(np.count_nonzero(sizes < sizes.max() - np.log(1000.0) / 2.0))
     cut = 1 + int(np.argmax(steps))
     below, above = sorted((sizes[:cut], sizes[cut:]), key=lambda part: float(part[0]))
     if min(len(below), len(above)) < 20 or above.min() - below.max() < least:
         return 0, 0
     moves, others = (quantile(np.abs(np.diff(part)), 0.5) for part in (below, above))
-    return (len(values) - int(rows[cut])) * (0.6 * moves < others < 1.7 * moves), 0
+    return (len(values) - int(np.flatnonzero(positive)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
 
 
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}

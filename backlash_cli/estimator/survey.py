@@ -117,12 +117,10 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 
 def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
     """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
-    stretch, stride = index // ROWS, 1
-    starts = np.flatnonzero(np.append(len(stretch) > 0, stretch[1:] != stretch[:-1]))
-    ends = np.append(starts[1:], len(index))
-    there = np.logical_or.reduceat(use, starts)
-    starts, ends, numbers = starts[there], ends[there], stretch[starts[there]]
-    while np.count_nonzero(chosen := numbers % stride == 0) > most:
+    rows, stride = np.flatnonzero(use), 1
+    own = index[rows]
+    stretches = np.arange(own[0] // ROWS, own[-1] // ROWS + 1) if len(own) else own
+    starts, ends = (np.searchsorted(own, ROWS * (stretches + after)) for after in (0, 1))
+    while np.count_nonzero(chosen := (starts < ends) & (stretches % stride == 0)) > most:
         stride *= 2
-    return np.concatenate([np.zeros(0, np.int64), *(
-        first + np.flatnonzero(use[first:last]) for first, last in zip(starts[chosen], ends[chosen], strict=True))])
+    return np.concatenate([rows[:0], *(rows[a:b] for a, b in zip(starts[chosen], ends[chosen], strict=True))])
