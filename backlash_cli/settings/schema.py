@@ -19,7 +19,7 @@ LOOP_KEYS = (  # limit_class: class of dead-band limit, for the wear report
     "K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd", "reset",
     "units", "auto_modes", "description", "limit_class",
 )  # fmt: skip
-_SEPARATOR = re.compile(r"[\s./\\:_|!-]+")
+_SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 

@@ -498,11 +498,12 @@ def test_tags_that_are_no_loops_are_left_out(tmp_path):
     assert all(tag in warning.message for tag in ("TI7.PV", "Pump OUT", "TI4711"))
 
 
-def test_names_in_the_data_that_contain_a_loop_of_the_metadata(tmp_path):
-    plant = read(save(tmp_path, wide(name=lambda n: "AREA1/" + n)))
-    assert "matched_name" in codes(plant["FIC101"].notes)
-    both = wide(name=lambda n: n.replace("FIC101", "A/FIC101").replace("PIC303", "B/FIC101"))
-    assert {r.loop for r in read(save(tmp_path, both), options=ReadOptions())} == {"A/FIC101", "B/FIC101"}
+@pytest.mark.parametrize(("one", "other"), [("AREA1/", "AREA2/"), ("[PLC1]", "[PLC2]")])
+def test_names_in_the_data_that_contain_a_loop_of_the_metadata(tmp_path, one, other):
+    plant = read(save(tmp_path, wide(name=lambda n: one + n)))
+    assert "matched_name" in codes(plant["FIC101"].notes) and plant["FIC101"].settings.Ti == 20.0
+    both = wide(name=lambda n: n.replace("FIC101", one + "FIC101").replace("PIC303", other + "FIC101"))
+    assert {r.loop for r in read(save(tmp_path, both), options=ReadOptions())} == {one + "FIC101", other + "FIC101"}
 
 
 def test_a_small_parquet_file_that_expands_without_end(tmp_path):
