@@ -27,8 +27,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
     cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
-    first_line, offset: where data begin. end: of what was looked at. header: a line that may not come again. day: of
-    times of day [microseconds since 1970], or 0."""
+    first_line, offset: where data begin. end: of what was looked at. header: a line that may not come again. start:
+    [microseconds since 1970] of times without a date, or 0."""
 
     where: str
     stem: str
@@ -42,7 +42,7 @@ class Head(Frozen):
     offset: int = 0
     end: int = 0
     header: str = ""
-    day: int = 0
+    start: int = 0
 
     @cached_property
     def plain(self) -> list[str]:

@@ -24,7 +24,6 @@ from ..errors import InputError
 from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
-from .grid import DAY
 from .layouts import Head
 from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
@@ -318,19 +317,21 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     return Head(where, title if titled else stem, names, (), kinds, "" if titled else home,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, lines[first - 1][2] if titled else "",
-                _day_above(before.values(), text) if "clock" in kinds and "time" not in kinds else 0)
+                0 if "time" in kinds else _start_above(before.values(), where, options))
 
 
-def _day_above(rows: Iterable[list[str]], text: Text) -> int:
-    """Midnight [microseconds since 1970] of the one date that lines above name, as Date: 2026-04-13 does; else 0."""
-    days = {day.strip() for row in rows for name, day in (*pairwise(row), *(cell.partition(":")[::2] for cell in row))
-            if is_column(name, "time") and kind(day) == "time"}
-    reader = StampReader(["date"], ReadOptions(), text.where)
+def _start_above(rows: Iterable[list[str]], where: str, options: ReadOptions) -> int:
+    """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; or 0."""
+    told = [(plain(name) in COLUMNS["start"], cell.strip()) for row in rows for name, cell in (
+        *pairwise(row), *(cell.partition(":")[::2] for cell in row)) if is_column(name, "time", "start")]
+    days, clocks = ({cell for start, cell in told if start and kind(cell) == own} or
+                    {cell for _, cell in told if kind(cell) == own} for own in ("time", "clock"))
+    reader = StampReader(["date"], ReadOptions(), where)
     with contextlib.suppress(InputError):  # an open one
-        stamps = reader.take([pa.chunked_array([[*days]], pa.string())])
-        if len(days) == 1 and (day := int(reader.finish()(stamps)[0]) // DAY * DAY) > 0:
-            text.notes.append(noted("day_above", day=days.pop()))
-            return day
+        clock = clocks if len(clocks) == 1 and ":" not in "".join(days) else ()
+        stamps = reader.take([pa.array([" ".join([*days, *clock])])])
+        start = int(reader.finish()(stamps)[0])
+        return max(start, 0) if len(days) == 1 and not (options.timezone and True in reader.zones) else 0
     return 0
 
 

@@ -159,8 +159,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
             for found in kind.values() for one in found}
     if spare := sorted({one.tag for one in series} - used):
         warnings.append(noted("single_signals", count=len(spare), names=some(spare, 5)))
-    names, notes = choose(complete, options.only_loops, options.loops_matching,
-                          options.sample, options.sample_seed)
+    names, notes = choose(complete, options.only_loops, options.loops_matching, options.sample, options.sample_seed)
     wanted, moment = {name: all_loops[name] for name in names}, None
     warnings += notes
     if options.since is not None:

@@ -41,8 +41,7 @@ class Spilled:
 
     def __getitem__(self, rows: slice) -> NDArray[Any]:
         first, last, _ = rows.indices(self.count)
-        return np.fromfile(self.path, self.dtype, max(last - first, 0),
-                           offset=self.place + first * self.dtype.itemsize)
+        return np.fromfile(self.path, self.dtype, max(last - first, 0), offset=self.place + first * self.dtype.itemsize)
 
 
 Piece = dict[str, NDArray[Any] | Spilled]  # some rows of several columns

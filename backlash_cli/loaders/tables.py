@@ -248,7 +248,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
-                           head.day) for pair in layout.stamps]
+                           head.start) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (

@@ -147,18 +147,18 @@ def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
 
 class StampReader:
     """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day.
-    units: of each that holds a part of them, what part it is. day: of the first of them that have no date, or 0."""
+    units: of each that holds a part of them, what part it is. start: of times without a date, or 0."""
 
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",),
-                 day: int = 0) -> None:
+                 start: int = 0) -> None:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
         self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
         self._unit = ""  # of stamps that are numbers
-        self._of_day = day or None  # last time of day without a date, counted on past midnight
-        self._without_offset = False if day else None
+        self._start, self._from = start, np.datetime64(start // SECOND, "s")
+        self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
@@ -284,11 +284,11 @@ class StampReader:
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
         if self._of_day is None:
-            self.notes.append(noted("relative_time:of_day"))
+            self.notes.append(noted("day_above" if self._start else "relative_time:of_day", start=self._from))
         known, out = np.flatnonzero(micros != NAT), micros.copy()
-        last = self._of_day or int(micros[known[:1]].sum())
+        last = self._of_day or self._start // DAY * DAY or int(micros[known[:1]].sum())
         out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
-        self._zones |= {self._without_offset} if len(known) else set()
+        self._zones |= {False if self._start else None} if len(known) else set()
         self._of_day = int(out[known[-1]]) if len(known) else last
         return out
 
@@ -369,16 +369,17 @@ class StampReader:
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
-                self.notes.append(noted("relative_time", column=self.name, unit=self._unit))
+                code = "day_above" if self._start else "relative_time"
+                self.notes.append(noted(code, column=self.name, unit=self._unit, start=self._from))
         if self._unit == "digits":
             text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
             if np.median(known) < 1e6:  # 260317 may be open, as 26-03-17 is
                 text = pc.replace_substring_regex(pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3")
             return self._texts(text)
         factor, zero, absolute = _UNITS[self._unit]
-        self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
+        self._zones.add(None if self._unit.startswith("epoch") or not (absolute or self._start) else False)
         with np.errstate(over="ignore", invalid="ignore"):
-            scaled = (values - zero) * factor
+            scaled = (values - zero) * factor + self._start * (not absolute)
             if self._unit in ("excel", "matlab", "ticks"):
                 # such numbers carry some microseconds of rounding; stamps are written to the millisecond at best
                 scaled = np.rint(scaled / 1000.0) * 1000.0

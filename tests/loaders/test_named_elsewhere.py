@@ -16,7 +16,7 @@ from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 
 from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
-from .test_layouts import comma, same_recording
+from .test_layouts import comma, same_recording, seconds
 from .test_more_layouts import packed, renamed, row
 
 SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
@@ -77,6 +77,9 @@ EXPORTS = {
     "logs_of_a_tag": Export({"plant.csv": wide(name=lambda n: f'"{n.replace(".", ":")},Log1s"')}),
     "day_above_times_of_day": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before="Trend export\nDate: 2026-03-17\n\n")}, notes=("day_above",)),
     "day_beside_its_name_above": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", delimiter=";", value=comma, time_name="Uhrzeit", before="Protokoll;Anlage 4\nDatum;17.03.2026\n\n")}, notes=("day_above",)),
+    "start_and_end_above_milliseconds": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds() * 1e3:.0f}", delimiter=";", time_name="Time [ms]", before="Name;Trend 1\nStart Time:;17.03.2026 23:55:00\nEnd Time:;18.03.2026 00:12:00\n\n")}, notes=("day_above",)),
+    "date_and_time_above_seconds": Export({"plant.lvm": wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.6f}", delimiter="\t", time_name="X_Value", before="Separator\tTab\nDate\t2026/03/17\nTime\t23:55:00.0\n***End_of_Header***\n\n")}, notes=("day_above",)),
+    "date_above_and_times_of_its_ends": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before="Date: 2026-03-17\nStart time: 23:55:00\nEnd time: 00:12:00\n\n")}, notes=("day_above",)),
     "files_called_alike_in_folders_of_loops": Export({f"plant/{loop}/trend.csv": single(loop) for loop in RANGES}, inputs=("plant",)),
     "tag_above_files_called_after_signals": Export({f"plant/{k // 3}/{n[7:]}.csv": f"Tag: {n}\nTime,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for k, (n, v) in enumerate(SIGNALS.items())}, inputs=("plant",)),
     "folders_of_signals": Export({f"plant/{n[7:]}/{n[:6]}.csv": "Time,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("plant",)),
@@ -174,6 +177,12 @@ def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
     (tmp_path / "plant.csv").write_bytes(long(of_sample, "Nazwa;Czas;Wartość;Jakość").encode("cp1250"))
     record = read(tmp_path / "plant.csv")["FIC101"]
     assert np.count_nonzero(record.usable) == len(STAMPS) - 200
+
+
+def test_a_day_above_numbers_that_are_dates_is_not_needed(tmp_path):
+    (tmp_path / "plant.csv").write_text(wide(lambda t: f"{seconds(t):.0f}", time_name="Time", before="Date: 2026-05-01\n\n"))
+    record = read(tmp_path)["FIC101"]
+    assert record.start == seconds(STAMPS[0]) and not {n.code for n in record.notes} & {"day_above", "relative_time"}
 
 
 @pytest.mark.parametrize("above", ["Printed: 2026-03-18", "Date: 2026-03-17\nDate: 2026-03-18", "Date: 03/04/2026"])
