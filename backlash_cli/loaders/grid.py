@@ -74,8 +74,7 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     of_file = np.searchsorted(parts, rows, side="right")
     files_differ = bool(np.any(differ & (np.diff(of_file)[repeats] != 0)))
     coarse = len(repeats) and differ.mean() > 0.5 and not files_differ and not len(back)
-    spread = _spread_evenly(stamps, values) if coarse else None
-    if spread is not None:
+    if coarse and (spread := _spread_evenly(stamps, values)) is not None:
         notes.append(noted("coarse_stamps"))
         stamps = spread
     elif len(repeats):

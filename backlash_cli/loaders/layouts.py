@@ -27,8 +27,8 @@ _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
     cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
-    first_line, offset: where data begin. end: of what was looked at. header: a line that may not come again. start:
-    [microseconds since 1970] of times without a date, or 0."""
+    first_line, offset: where data begin. end: of what was looked at. start: of times without a date [microseconds since
+    1970], or 0."""
 
     where: str
     stem: str
@@ -41,7 +41,6 @@ class Head(Frozen):
     first_line: int = 0
     offset: int = 0
     end: int = 0
-    header: str = ""
     start: int = 0
 
     @cached_property

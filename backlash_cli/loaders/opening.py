@@ -38,7 +38,8 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
-_MARKS = {"utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE), "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}
+_MARKS = {"utf-8": (codecs.BOM_UTF8,), "utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE),
+          "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}  # that of utf-32 begins with that of utf-16
 CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254")  # the first without signs
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _NUMBER = re.compile(
@@ -56,9 +57,11 @@ _REWRITTEN = (
     (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
      ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
     (re.compile(r'^="[^"]*"(?:[,;\t]="[^"]*")*$'), ((re.compile(rb'="([^"\r\n]*)"'), rb'"\1"'),)))
+# A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
+_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t]\s*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
-JOINED = 40  # lines at most of one cell in quotes
+JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
 Line = tuple[int, int, str]
 
 
@@ -96,8 +99,8 @@ class Text:
         self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
         if re.search(rb"(?m)^#(?:datatype|group|default)\b", self.head[:SAMPLE]):
-            self.rest = _without_annotations(chain([self.head], self.rest))
-            self.head = next(self.rest, bytearray())
+            self.rest = (bytearray(re.sub(rb'(?m)^"?#.*\n?', b"", block)) for block in chain([self.head], self.rest))
+            self.head = next(self.rest)
 
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0
@@ -178,32 +181,10 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         yield bytearray().join(parts)
 
 
-def _without_annotations(blocks: Iterable[bytearray]) -> Iterator[bytearray]:
-    """Take out the annotations of InfluxDB's CSV, and bring tables of other columns to those of the first."""
-    columns: list[bytes] = []
-    place, fresh = [0], True
-    for block in blocks:
-        out = []
-        for line in bytes(block).splitlines():
-            cells = line.split(b",")
-            if not line.strip(b" ,\r") or line.startswith((b"#", b'"#')):
-                fresh = True
-            elif fresh and not any(cell[:1].isdigit() for cell in cells):
-                names, fresh = [cell.strip(b'"\r ') for cell in cells], False
-                out += [] if columns else [b",".join(names)]
-                columns = columns or names
-                place = [names.index(name) if name in names else -1 for name in columns]
-            else:
-                fresh, known = False, dict(enumerate(cells))
-                out.append(b",".join([known.get(k, b"") for k in place]))
-        if out:
-            yield bytearray(b"\n".join(out) + b"\n")
-
-
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:
     """Return the encoding of text that begins with `head`. Raises InputError for binary data."""
     if marked := next((encoding for encoding, marks in _MARKS.items() if head.startswith(marks)), ""):
-        return marked  # of utf-32 first, whose mark begins with that of utf-16
+        return marked
     if options.encoding:
         return options.encoding.lower().replace("utf8", "utf-8")
     sample = head[:SAMPLE]
@@ -254,11 +235,33 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         problem = str(error).strip() or type(error).__name__
         raise InputError(**explained("damaged_workbook", problem=problem), where=where) from None
-    found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, rows.to_csv(header=False, index=False).encode()))
-             for sheet, rows in book.items() if len(rows) > 1]
+    found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, text.encode("utf-8-sig"))) for sheet, rows in book.items()
+             if len(rows) > 1 and (text := rows.to_csv(header=False, index=False))]
     if not found:
         raise InputError(**explained("empty_workbook"), where=where)
     return found if len(found) > 1 else [(stem_of(name), found[0][1])]
+
+
+def tables_below(opened: Callable[[], Text]) -> list[Callable[[], Any]]:
+    """Return what opens the tables that stand one below the other in a text, each from the lines above its rows on; []
+    where the first has all of these lines, as pages of one table have. Raises InputError."""
+    at, rows, lines = 0, False, list[bytes]()
+    above, text = {0: lines}, opened()  # where tables may begin -> their lines above
+    for line in chain.from_iterable(block.splitlines(True) for block in chain([text.head], text.rest)):
+        if _ROW.match(line):
+            rows = True
+        elif line.strip():
+            lines, rows = above.setdefault(at, []) if rows else lines, False
+            lines.append(bytes(line.strip()))
+        at += len(line)
+        if max(len(above) - MOST_TABLES, len(lines) - HEAD_LINES) > 0:
+            return []
+    named = [at for at, own in above.items() if any(score_names(re.split(r"[,;\t|]", x.decode())) > 1.0 for x in own)]
+    if {*chain(*(above[at] for at in named))} <= {*above[0]}:
+        return []
+    text = opened()
+    whole = b"".join([text.head, *text.rest])
+    return [partial(io.BytesIO, codecs.BOM_UTF8 + whole[a:b]) for a, b in pairwise(sorted({0, *named, len(whole)}))]
 
 
 def head_of(text: Text, stem: str, home: str) -> Head:
@@ -314,16 +317,17 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    return Head(where, title if titled else stem, names, (), kinds, "" if titled else home,
+    above = [(name, cell.strip()) for row in before.values() for name, cell in (
+        *pairwise(row), *(cell.partition(":")[::2] for cell in row))]
+    loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home)  # "Loop: FIC101" above "PV"
+    return Head(where, title if titled else stem, names, (), kinds, "" if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end, lines[first - 1][2] if titled else "",
-                0 if "time" in kinds else _start_above(before.values(), where, options))
+                lines[first][1], end, 0 if "time" in kinds else _start_of(above, where, options))
 
 
-def _start_above(rows: Iterable[list[str]], where: str, options: ReadOptions) -> int:
+def _start_of(above: list[tuple[str, str]], where: str, options: ReadOptions) -> int:
     """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; or 0."""
-    told = [(plain(name) in COLUMNS["start"], cell.strip()) for row in rows for name, cell in (
-        *pairwise(row), *(cell.partition(":")[::2] for cell in row)) if is_column(name, "time", "start")]
+    told = [(plain(name) in COLUMNS["start"], cell) for name, cell in above if is_column(name, "time", "start")]
     days, clocks = ({cell for start, cell in told if start and kind(cell) == own} or
                     {cell for _, cell in told if kind(cell) == own} for own in ("time", "clock"))
     reader = StampReader(["date"], ReadOptions(), where)

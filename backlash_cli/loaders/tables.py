@@ -24,8 +24,8 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, is_whole, noted, signal_role, undated
-from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, sheets, split_line
+from .names import explained, noted, signal_role, undated
+from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
 from .sources import Source, stem_of, told_by
@@ -48,7 +48,7 @@ class TextTable:
         self.text, self.where = text, text.where
         self.head = head_of(text, stem, home)
         self._bad: list[tuple[int | None, int, int, int, str]] = []  # number, cells expected and found, lines, text
-        self._stacked = False  # one of them is the header of another table
+        self.named_again = False  # lines or cells below rows name something
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
             raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
@@ -68,8 +68,6 @@ class TextTable:
         del self.text.head[: self.head.offset]
         tables: list[pa.Table] = []
         for block in (block for block in chain([self.text.head], self.text.rest) if not block.isspace()):
-            if self.head.header and self.head.header.encode() in block:
-                raise InputError(**explained("stacked"), where=self.where)
             before = len(self._bad)
             try:
                 table = self._parsed(block, types)
@@ -82,8 +80,6 @@ class TextTable:
                 tables = []
             tables.append(table)
         yield _columns(tables)
-        if self._stacked:
-            raise InputError(**explained("stacked"), where=self.where)
         if self._bad:
             line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, expected, found, _, text = self._bad[0]
@@ -99,8 +95,7 @@ class TextTable:
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             lines = 1 + row.text.count("\n")
             self._bad.append((row.number, row.expected_columns, row.actual_columns, lines, row.text[:40]))
-            self._stacked |= not row.text[:1].isdigit() and (
-                sum(map(is_whole, split_line(row.text, self.head.delimiter))) > 1)
+            self.named_again |= score_names(split_line(row.text, self.head.delimiter)) > 0
             return "skip"
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
@@ -165,7 +160,7 @@ class ParquetTable:
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
         self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, home, decimal_sign(
             [word for own in words for word in own if kind(word) == "number"], "."))
-        self.decimal, self.notes = self.head.decimal, list[Note]()
+        self.decimal, self.notes, self.named_again = self.head.decimal, list[Note](), False
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time."""
@@ -211,22 +206,28 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
     found, notes, problems = list[Series](), list[Note](), list[InputError]()
     books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
-    for name, opened in parts:  # a workbook is followed by its sheets
+    for name, opened in parts:  # a workbook is followed by its sheets, a text of several tables by these
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
-        home, own = told_by((stem, *folders), file) if opened else source.home, undated(stem_of(file))
+        home = told_by((stem, *folders), file) if kind in ("archive", "workbook") else source.home
+        own, signals, problem, text = undated(stem_of(file)), list[Series](), None, None
+        table: TextTable | ParquetTable | None = None
         try:
             if opened and name in books:
                 parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}")
                 continue
             table = ParquetTable(path, own, options, home) if kind == "parquet" else TextTable(
-                Text(path, options, taken, opened), own, home)
-            layout = layout_of(table.head, options)
+                text := Text(path, options, taken, opened), own, home)
+            signals = _signals(table, layout_of(table.head, options), options, needed, room)
         except InputError as error:
-            problems.append(error)
-            notes.append(noted("passed_over", name=own, error=error))
-            continue
-        found += _signals(table, layout, options, needed, room)
-        notes += table.notes
+            problem = error
+        if text and (table is None or table.named_again) and (
+                below := tables_below(partial(Text, path, options, opened=opened))):
+            parts += [(name, one) for one in below]
+        elif problem:
+            problems.append(problem)
+            notes.append(noted("passed_over", name=own, error=problem))
+        elif table:
+            found, notes = found + signals, notes + table.notes
     if problems and not found:
         raise problems[0]
     return found, notes
@@ -274,12 +275,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                 above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
-    # a header came again: of another loop (no state such as Bad Input has a digit), or with columns in another order.
-    # Of words that are the same behind their last digit, as numbers with a unit are, one is looked at
-    ends = {i: {_TO_DIGIT.sub("", word): word for word in words[i].keys() - {head.names[i], ""}} for i in columns}
-    if sum(any(word in head.names or (end != word and is_whole(word)) for end, word in told.items())
-           for told in ends.values()) > 1:
-        raise InputError(**explained("stacked"), where=head.where)
+    # of words that are the same behind their last digit, as numbers with a unit are, one is looked at
+    told = {_TO_DIGIT.sub("", word): word for own in words.values() for word in own}.values()
+    table.named_again |= any(score_names([word]) > 0 for word in told)
     table.notes += [noted("named_above", column=head.names[i]) for i in above]
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():

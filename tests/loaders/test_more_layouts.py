@@ -9,6 +9,7 @@ import io
 import zipfile
 from datetime import timedelta
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -293,22 +294,19 @@ def test_a_tag_that_the_loops_file_names_goes_before_a_bare_one(tmp_path):
     assert [r.loop for r in read(tmp_path / "plant.csv", options=ReadOptions(only_loops=("PIC303",)))] == ["PIC303"]
 
 
-def test_tables_one_below_the_other_are_refused(tmp_path):
-    """The second one is of another tag."""
-    text = "".join(f"Tag: {n}\nTimestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items())
-    (tmp_path / "plant.csv").write_text(text)
-    with pytest.raises(BacklashError, match=r"plant.csv: tables stand one below the other -> export every tag"):
-        read(tmp_path / "plant.csv")
-
-
-@pytest.mark.parametrize("text", [
-    wide() + wide().replace("FIC101.PV,FIC101.OP", "FIC101.OP,FIC101.PV").replace("2026-03-1", "2026-04-1"),
-    wide() + wide(name=lambda n: {"F": "PIC303", "P": "FIC101"}[n[0]] + n[6:]).replace("2026-03-1", "2026-04-1")])
-def test_a_header_that_comes_again_in_another_order_is_refused(tmp_path, text):
-    """What stands below it would go into the wrong signals."""
-    (tmp_path / "plant.csv").write_text(text)
-    with pytest.raises(BacklashError, match="tables stand one below the other"):
-        read(tmp_path / "plant.csv")
+@pytest.mark.parametrize("below", [
+    wide().replace("FIC101.PV,FIC101.OP", "FIC101.OP,FIC101.PV"),
+    wide(name=lambda n: {"F": "PIC303", "P": "FIC101"}[n[0]] + n[6:])])
+def test_a_header_that_comes_again_in_another_order_holds_for_the_rows_below_it(tmp_path, below):
+    for name, text in (("one", wide() + below.replace("2026-03-1", "2026-04-1")), ("other", below)):
+        (tmp_path / f"{name}.csv").write_text(text)
+    (tmp_path / "loops.toml").write_text("[defaults]\nK = 1.0\nTi = 20.0\npv_range = [0, 1000]\nop_range = [0, 100]\n")
+    one, other = (read(tmp_path / f"{name}.csv") for name in ("one", "other"))
+    for record in other:
+        both = one[record.loop]
+        assert len(both) == 2 * len(record) and both.index[len(record)] - both.index[0] > 30 * 86_400
+        for signal in ("setpoint", "measurement", "output"):
+            assert np.array_equal(getattr(both, signal)[len(record) :], getattr(record, signal)) and np.isfinite(record.measurement).all()
 
 
 def test_another_recording_in_the_same_file_is_no_clock_that_was_set_back(tmp_path):

@@ -37,6 +37,17 @@ def day_sheets(loop):
     return held.getvalue()
 
 
+def below(above):
+    """Tables of a tag each, one below the other."""
+    return "".join(above.format(n) + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items())
+
+
+def remarked(lines):
+    """A table with something else between its rows."""
+    rows = wide().splitlines()
+    return "\n".join([*rows[:301], lines, *rows[301:]]) + "\n"
+
+
 EXPORTS = {
     "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
@@ -48,6 +59,13 @@ EXPORTS = {
     "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
     "legend_behind_marks": Export({"plant.csv": "".join(f"# {short},{n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
+    "tag_above_its_table": Export({"plant.csv": below("Tag: {}\nTimestamp,Value\n")}),
+    "tag_in_the_header_of_its_table": Export({"plant.csv": below("Timestamp,{}\n")}),
+    "tag_some_lines_above_its_table": Export({"plant.csv": below("\nTag,{}\nUnit,%\nRange,0,100\n\nTimestamp,Value\n")}),
+    "loop_above_its_table": Export({"plant.csv": "".join(f"Loop: {loop}\n{single(loop)}\n" for loop in RANGES)}),
+    "loop_between_its_table_and_another": Export({"FIC101.csv": f"{single('FIC101')}Loop: PIC303\n{single('PIC303')}"}),
+    "remark_between_rows": Export({"plant.csv": remarked("# logger restarted")}, notes=("ragged_rows",)),
+    "page_between_rows": Export({"plant.csv": remarked("Page 2 of 9\n" + wide().split("\n", 1)[0])}),
     "loop_and_signal_in_merged_cells": Export({"plant.csv": "loop,signal,time,value\n" + "".join(f"{n[:6] if not i and n.endswith('SP') else ''},{'' if i else n[7:]},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "tag_above_its_pages": Export({"plant.csv": "".join("Tag,Time,Value\n" * (i % 100 == 0) + f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "loop_above_its_rows": Export({"plant.csv": "loop,time,OP,PV,SP\n" + "".join(f"{'' if i else loop},{iso(t)},{row(loop, i)}\n" for loop in RANGES for i, t in enumerate(STAMPS))}, notes=("named_above",)),
@@ -143,11 +161,9 @@ def test_what_stands_above_tags_is_no_legend_and_an_area_above_signals_no_loop(t
     assert [r.loop for r in read(tmp_path / "FIC101.csv")] == ["FIC101"]
 
 
-def test_a_row_that_is_dropped_is_shown(tmp_path):
-    """It may name another loop, whose table goes on below."""
-    rows = single("FIC101").splitlines(keepends=True)
-    (tmp_path / "FIC101.csv").write_text("".join([*rows[:301], "Loop: FIC102\n", rows[0], *rows[301:]]))
-    assert any("'Loop: FIC102'" in note.message for note in read(tmp_path / "FIC101.csv").warnings)
+def test_a_loop_above_its_table_is_that_of_its_signals(tmp_path):
+    (tmp_path / "export.csv").write_text(f"Loop: PIC303\n\n{single('PIC303')}")
+    assert [record.loop for record in read(tmp_path / "export.csv")] == ["PIC303"]
 
 
 def test_a_month_that_does_not_exist_is_no_date(tmp_path):

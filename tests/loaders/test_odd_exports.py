@@ -551,12 +551,14 @@ def test_of_two_unknown_columns_of_numbers_none_is_taken_for_the_values(tmp_path
 
 
 @pytest.mark.parametrize("more", ["", ",FIC300.MODE"])
-def test_the_table_of_another_loop_below_is_refused(tmp_path, more):
+def test_the_table_of_another_loop_below_is_read(tmp_path, more):
     head, *rows = wide().splitlines()
     other = [head.replace("FIC101", "FIC300").replace("PIC303", "PIC300") + more,
              *(row.replace("2026-03-1", "2026-04-1") + ",AUTO" * bool(more) for row in rows)]
-    with pytest.raises(InputError, match="one below the other"):
-        read(save(tmp_path, "\n".join([head, *rows, *other[: 300 if more else None]]) + "\n"))
+    plant = read(save(tmp_path, "\n".join([head, *rows, *other[: 300 if more else None]]) + "\n"))
+    assert {record.loop: len(record) for record in plant} == {
+        "FIC101": 600, "PIC303": 600, "FIC300": 299 if more else 600, "PIC300": 299 if more else 600}
+    equals_the_recording(plant["FIC101"])
 
 
 @pytest.mark.parametrize("form", ["%y%m%d%H%M%S", "%Y%m%d%H%M%S000", "%d%m%Y%H%M%S", "%d%m%y%H%M"])
