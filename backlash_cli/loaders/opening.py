@@ -299,10 +299,11 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
     if not before:  # the name of the file, or a tag in every row, may say it all
-        told = [stem] if kinds[1:] == ("number",) else [row[kinds.index("text")] for row in data if len(row) == width
-                                                        ] if sorted(kinds) == ["number", "text", "time"] else []
-        if told and all(split_tag(tag).role in SIGNALS for tag in told):
-            before = {0: [{"number": "value", "text": "tag"}.get(k, "time") for k in kinds]}
+        called = ["tag" if k == "text" and all(split_tag(cell).role in SIGNALS for cell in own) else "time" if k in (
+            "time", "clock") else "value" if k == "number" and (kinds.count(k) < 2 or "." in "".join(own)) else ""
+                  for k, own in zip(kinds, zip(*tail, strict=True), strict=True)]  # a measurement is not whole
+        if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
+            before = {0: called}
     names = header_of(before, kinds, options, where)
     kinds = tuple("clock" if kinds.count("time") > 1 and is_column(name, "clock") and all(
         DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
@@ -322,20 +323,19 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home)  # "Loop: FIC101" above "PV"
     return Head(where, title if titled else stem, names, (), kinds, "" if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end, 0 if "time" in kinds else _start_of(above, where, options))
+                lines[first][1], end, 0 if "time" in kinds else _start_of(above, kinds, options, where))
 
 
-def _start_of(above: list[tuple[str, str]], where: str, options: ReadOptions) -> int:
+def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:
     """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; or 0."""
     told = [(plain(name) in COLUMNS["start"], cell) for name, cell in above if is_column(name, "time", "start")]
-    days, clocks = ({cell for start, cell in told if start and kind(cell) == own} or
-                    {cell for _, cell in told if kind(cell) == own} for own in ("time", "clock"))
-    reader = StampReader(["date"], ReadOptions(), where)
+    days, clocks = ({c for start, c in told if start and (kind(c) == own or (own == "time" and c.isdigit()))} or
+                    {c for _, c in told if kind(c) == own} for own in ("time", "clock"))
+    reader = StampReader(["date"], ReadOptions(timezone=None if "clock" in kinds else options.timezone), where)
     with contextlib.suppress(InputError):  # an open one
         clock = clocks if len(clocks) == 1 and ":" not in "".join(days) else ()
         stamps = reader.take([pa.array([" ".join([*days, *clock])])])
-        start = int(reader.finish()(stamps)[0])
-        return max(start, 0) if len(days) == 1 and not (options.timezone and True in reader.zones) else 0
+        return max(int(reader.finish()(stamps)[0]), 0) if len(days) == 1 else 0
     return 0
 
 

@@ -377,7 +377,7 @@ class StampReader:
                 text = pc.replace_substring_regex(pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3")
             return self._texts(text)
         factor, zero, absolute = _UNITS[self._unit]
-        self._zones.add(None if self._unit.startswith("epoch") or not (absolute or self._start) else False)
+        self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor + self._start * (not absolute)
             if self._unit in ("excel", "matlab", "ticks"):
