@@ -8,7 +8,7 @@ from backlash_cli.words import WORDS, noted, said, times
 
 PACKAGE = Path(backlash_cli.__file__).parent
 # codes put together where they are said: the kind of a thing behind the colon, or a word that a loop gets
-MADE = ("guessed_", "output_compressed:", "manual_test:", "vote:", "gain:")
+MADE = ("guessed_", "output_compressed:", "of_output:", "manual_test:", "vote:", "gain:")
 
 
 def codes() -> set[str]:

@@ -34,7 +34,7 @@ from .gap_test import (
 )
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .quality import stored_as
-from .rebuild import rebuilt_output
+from .rebuild import output_made
 from .survey import measured
 from .wave import autocorrelation
 from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
@@ -77,7 +77,7 @@ class Asked(Frozen):
 
 class Study(Frozen):
     """What was asked of one record. asked: by block length. length: of the record in integral times; span: of OP [%];
-    rebuilt: OP was not recorded; rounding: what recording leaves in means of PV [%]."""
+    output: as of `output_made`; rounding: what recording leaves in means of PV [%]."""
 
     asked: tuple[Asked, ...]
     recordings: tuple[Recording, ...]
@@ -86,7 +86,7 @@ class Study(Frozen):
     interval: float
     length: float
     span: float
-    rebuilt: bool
+    output: str
     rounding: float
 
     def crossed(self, d: float) -> int:
@@ -107,8 +107,7 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
     """Test PV against OP through a dead band; a Note says why the test could not be made.
 
     Ti sets the lengths of the blocks; where it is not known the memory of the control error stands in. K gives the
-    sign and the possible size of PV's answer, where it is known. Where OP was not recorded it is rebuilt from SP, PV,
-    K and Ti."""
+    sign and the possible size of PV's answer, where it is known. OP is completed where few of it was recorded."""
     found = study(record, settings or record.settings)
     return found if isinstance(found, Note) else _confirmation(found)
 
@@ -116,11 +115,11 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
 def study(record: Record, settings: LoopSettings) -> Study | Note:
     """Ask of a record all that its confirmation is made of, or say why it cannot be asked."""
     usable = record.usable & np.isfinite(record.measurement)
-    output, Ti = record.output, settings.Ti or 0.0
-    if output is None:
-        if not (settings.K and settings.Ti):
-            return noted("no_output:test")
-        output = rebuilt_output(record, settings, usable & np.isfinite(record.setpoint))
+    output, Ti, origin = record.output, settings.Ti or 0.0, "recorded"
+    if settings.K and Ti:
+        output, origin = output_made(record, settings, usable)
+    elif output is None:
+        return noted("no_output:test")
     usable &= np.isfinite(output)
     if not usable.any():
         return noted("short_record:none", {"usable_s": 0.0})
@@ -141,7 +140,7 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
     if not asked:
         code = "short_record" if seconds < SHORTEST * Ti else "short_record:stretches"
         return noted(code, {"usable_s": seconds}, used=duration(seconds), least=duration(SHORTEST * Ti))
-    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, record.output is None, rounding)
+    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, origin, rounding)
 
 
 def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -> tuple[Recording, ...]:
@@ -234,7 +233,7 @@ def _confirmation(s: Study) -> Confirmation:
         "rows": float(best[0].prediction.rows), "block_s": best[0].prediction.size * s.interval,
         "output_range": s.span / 100.0, "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
-        "sign_known": float(s.settings.K is not None), "output": "rebuilt" if s.rebuilt else "recorded",
+        "sign_known": float(s.settings.K is not None), "output": s.output,
     }
     return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, answer)
 

@@ -6,14 +6,11 @@ identified), "K" and "Ti" (as identified, in the units of the record), and "seve
 beyond, the size of a dead band is wrong by that factor).
 """
 
-from dataclasses import replace
-from math import ceil, exp, log
+from math import exp, log
 
-from ..record import Frozen, LoopSettings, Note, Record
+from ..record import Frozen, LoopSettings, Note
 from ..words import noted, said
-from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
-from .identify import SLOWEST, WINDOW, Identification, Identified, derivative_is_real, law_rows, window_of
-from .survey import LEVELS, SLOWER
+from .identify import Identification, Identified
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -24,12 +21,6 @@ CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/T
 COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
-# The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
-SAME_RATIO = 1.08  # of K/Ti; settings_check says nothing up to 1.15
-SAME_GAIN = 1.3  # of K and Td; settings_check says nothing up to 1.6
-WELL_EXPLAINED = 0.9  # share of OP's motion
-FEWEST_WINDOWS = 3
-LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
 
 class MixUp(Frozen):
@@ -61,31 +52,6 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
         notes.append(noted("settings_derivative", {"Td": found.Td.value, "severity": "warn"}, given=settings.Td,
                            low=low, high=high))
     return tuple(notes)
-
-
-def follows(record: Record, settings: LoopSettings) -> bool:
-    """Whether the recorded output is what a controller with these settings makes, within noise and rounding: one fit
-    instead of a search, and where it says so, `check_settings` has nothing to complain about."""
-    K, Ti, Td, Tf = settings.K, settings.Ti, settings.Td, settings.filter_time or 0.0
-    if not K or not Ti or Ti < LEAST_PER_TI * record.interval:
-        return False
-    level = min(max(ceil(log(Ti / (SLOWEST * record.interval)) / log(SLOWER)), 0), LEVELS - 1)
-    rows = law_rows(record, level)
-    if rows is None:
-        return False
-    terms = (PROPORTIONAL, INTEGRAL, SETPOINT, *((DERIVATIVE,) if Td else ()))
-    form = LawForm(terms, window_of(WINDOW * Ti / rows.interval, len(rows.index)),
-                   ceil(5.0 * Tf / rows.interval) + 1, 0, 0.5 if level else 0.0)
-    fit = fit_law(rows, form, Tf)  # None: the setpoint stands still, or moved between the windows only
-    fit = fit or fit_law(rows, replace(form, terms=tuple(term for term in terms if term != SETPOINT)), Tf)
-    if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > 1.0 - WELL_EXPLAINED:
-        return False
-    found = [(fit.values[1] * Ti / K, SAME_RATIO), (fit.gain / K, SAME_GAIN)]
-    found += [(fit.values[-1] / fit.gain / Td, SAME_GAIN)] if Td else []
-    if not all(1.0 / most <= times <= most for times, most in found):
-        return False
-    with_D = None if Td else fit_law(rows, replace(fit.form, terms=(*fit.form.terms, DERIVATIVE)), Tf)
-    return with_D is None or not derivative_is_real(with_D, fit)
 
 
 def _magnitude(x: Identified) -> Identified:

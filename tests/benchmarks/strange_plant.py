@@ -159,6 +159,21 @@ def exception_report(signal, size):  # type: ignore[no-untyped-def]
     return out
 
 
+@njit(cache=True)
+def swinging_door(signal, size):  # type: ignore[no-untyped-def]
+    """Which samples (n,), at even times, a historian keeps so that straight lines through them miss none by `size`."""
+    kept = np.zeros(len(signal), np.bool_)
+    kept[0] = kept[-1] = True
+    last, low, high = 0, -np.inf, np.inf
+    for i in range(1, len(signal)):
+        if not low <= (signal[i] - signal[last]) / (i - last) <= high:
+            last, low, high = i - 1, -np.inf, np.inf
+            kept[last] = True
+        low = max(low, (signal[i] - size - signal[last]) / (i - last))
+        high = min(high, (signal[i] + size - signal[last]) / (i - last))
+    return kept
+
+
 def gain_margin(it: SimpleNamespace) -> float:
     """Gain margin of the linear loop: how much more gain it stands. it: names as in `control_loop`."""
     lags, dead = np.r_[it.lags, max(it.Tf, 0.01), max(it.actuator[0], 0.01)], it.theta + it.dt

@@ -11,6 +11,7 @@ Percent of span everywhere inside; engineering units in what `loop` hands out.
     truth:      what was put in, and what the valve did: `crossings` counts how often the stem crossed its whole gap
 
 With `--kind manual` an operator tests each valve in manual, at a more or less quiet time (`manual_moves`).
+With `--compressed` the historian keeps of PV and OP what a swinging door leaves of them.
 
 `main` scans the loops through the public functions of the program and prints how the verdicts fared, by family;
 with --write DIR the exports stay. The laws are in `strange_plant`.
@@ -34,7 +35,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.signal import lfilter
 
-from .strange_plant import KARNOPP, LUGRE, control_loop, exception_report, gain_margin, reversals
+from .strange_plant import KARNOPP, LUGRE, control_loop, exception_report, gain_margin, reversals, swinging_door
 
 Array = npt.NDArray[np.float64]
 Random = np.random.Generator
@@ -439,6 +440,33 @@ def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18, kind: st
     return table
 
 
+def write_compressed(folder: str | Path, seeds: Iterable[int]) -> pd.DataFrame:
+    """Write long exports f*.csv.gz of one loop each, as a historian with a swinging door has them: PV to 0.5 to 2 of
+    its noise, OP to 0.1 to 0.4 %, SP on change. Loops without settings, with a mode or with holes are left out."""
+    folder, truths = Path(folder), []
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in (loop(seed) for seed in seeds):
+        whole = bool(np.isfinite(one.pv).all() and np.isfinite(one.op).all())
+        if not (one.settings and whole) or one.truth["compressed"] or one.truth["jitter"] or one.mode is not None:
+            continue
+        rng, name = np.random.default_rng(int(one.name[2:])), f"f{len(truths):03d}"
+        noise = 1.4826 * np.median(np.abs(np.diff(one.pv, 2))) / 6**0.5
+        kept = {"SP": np.diff(one.sp, prepend=np.nan) != 0,
+                "PV": swinging_door(one.pv, rng.choice([0.5, 1, 2]) * noise),
+                "OP": swinging_door(one.op, rng.choice([0.1, 0.2, 0.4]))}
+        stamps = pd.Timestamp("2026-05-04") + pd.to_timedelta(one.time_s, unit="s")
+        pd.concat([pd.DataFrame({"tag": f"{one.name}.{key}", "timestamp": stamps[at],
+                                 "value": np.round(getattr(one, key.lower())[at], 5)}) for key, at in kept.items()]
+                  ).sort_values("timestamp", kind="stable").to_csv(folder / f"{name}.csv.gz", index=False)
+        (folder / f"{name}.loops.toml").write_text(
+            f"[loops.{one.name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.settings.items()))
+        truths.append({"name": one.name, "file": f"{name}.csv.gz", **one.truth,
+                       **{f"{key}_kept": kept[key].mean() for key in ("PV", "OP")}})
+    table = pd.DataFrame(truths)
+    table.to_csv(folder / "truth.csv", index=False)
+    return table
+
+
 def judged(folder: str | Path) -> pd.DataFrame:
     """Scan what `write` wrote; the truth table with verdict, confidence, size and its interval and limit [% of OP]."""
     from backlash_cli import scan_files
@@ -480,11 +508,13 @@ def main() -> None:
     parser.add_argument("loops", type=int)
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("--kind", default="", choices=["", "manual"], help="manual: an operator tests the valves")
+    parser.add_argument("--compressed", action="store_true", help="a swinging door between plant and file")
     parser.add_argument("--write", help="folder that keeps the exports")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as passing:
         folder = chosen.write or passing
-        write(folder, range(chosen.seed, chosen.seed + chosen.loops), kind=chosen.kind)
+        seeds = range(chosen.seed, chosen.seed + chosen.loops)
+        write_compressed(folder, seeds) if chosen.compressed else write(folder, seeds, kind=chosen.kind)
         table = judged(folder)
     for key in (None, "fam", "load", "sp", "valve", "settings", *(["pattern"] if chosen.kind else [])):
         groups = table.groupby(key) if key else [("all", table)]

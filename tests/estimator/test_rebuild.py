@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.rebuild import at_once, rebuilt_output
+from backlash_cli.estimator.rebuild import at_once, output_made, rebuilt_output
 from backlash_cli.half_periods import double_lag
 from backlash_cli.record import Record
 from tests.benchmarks.random_loops import draw
+from tests.benchmarks.strange_plant import swinging_door
 
 
 def rebuilt(record: Record) -> np.ndarray:
@@ -35,3 +38,57 @@ def test_the_filter_acts_at_once_and_keeps_its_gain() -> None:
     np.testing.assert_allclose(held, 0.7, atol=1e-12)
     nothing = double_lag(0.0, 1.0)
     assert at_once(nothing) is nothing
+
+
+def compressed(record: Record, size: float) -> Record:
+    """OP as it reads after a swinging door: few values, held."""
+    assert record.output is not None
+    kept = swinging_door(record.output, size)
+    return replace(record, output=record.output[np.maximum.accumulate(np.where(kept, np.arange(len(kept)), 0))])
+
+
+@pytest.mark.parametrize("kind", ["coloured", "steps"])
+def test_between_few_records_the_output_is_completed_by_the_law(kind: str) -> None:
+    record = draw(41000, kind, 0.02).record
+    few = compressed(record, 0.01)
+    assert record.output is not None and few.output is not None
+    assert np.mean(np.diff(few.output) != 0) < 0.2
+    found, origin = output_made(few, record.settings, record.usable)
+    assert origin == "completed"
+    own = np.flatnonzero(np.diff(few.output, prepend=np.nan) != 0)
+    np.testing.assert_allclose(found[own], record.output[own], atol=1e-12)  # the records themselves stand
+    held, made = (np.std(values - record.output) for values in (few.output, found))
+    assert made < 0.05 * held
+
+
+def test_the_weight_of_the_setpoint_in_the_law_is_found() -> None:
+    record = draw(41000, "fastsp", 0.02).record
+    assert record.output is not None and record.settings.K is not None
+    with_kicks = replace(record, output=record.output + 0.7 * record.settings.K * record.setpoint)
+    found, origin = output_made(compressed(with_kicks, 0.01), record.settings, record.usable)
+    assert origin == "completed"
+    assert with_kicks.output is not None
+    assert np.std(found - with_kicks.output) < 0.2 * np.std(compressed(with_kicks, 0.01).output - with_kicks.output)
+
+
+def test_an_output_that_is_recorded_often_stays_as_it_is() -> None:
+    record = draw(41000, "coloured", 0.02).record
+    found, origin = output_made(record, record.settings, record.usable)
+    assert origin == "recorded" and found is record.output
+
+
+def test_where_the_law_does_not_lead_from_record_to_record_nothing_is_completed() -> None:
+    record = draw(41000, "coloured", 0.02).record
+    few = compressed(record, 0.01)
+    wrong = replace(record.settings, K=-record.settings.K)  # type: ignore[operator]
+    assert output_made(few, wrong, record.usable)[1] == "recorded"
+    assert few.output is not None
+    steps = 0.5 + 0.1 * np.round(np.sin(np.arange(len(record)) / 300.0), 1)  # somebody else moves the valve
+    assert output_made(replace(few, output=steps), record.settings, record.usable)[1] == "recorded"
+
+
+def test_without_records_of_the_output_all_of_it_is_rebuilt() -> None:
+    record = draw(41000, "coloured", 0.02).record
+    found, origin = output_made(replace(record, output=None), record.settings, record.usable)
+    assert origin == "rebuilt"
+    np.testing.assert_array_equal(found, rebuilt(record))

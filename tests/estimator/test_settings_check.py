@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from backlash_cli.estimator.identify import identify
@@ -63,6 +64,14 @@ def test_the_factor_of_the_spans_is_believed_where_the_data_say_less(span: float
     assert [note.code for note in check_settings(given, found)] == ["settings_engineering_gain"]
     unknown = replace(given, pv_range=(0.0, 1.0), op_range=(0.0, 1.0), K=0.6 / 1.45)
     assert check_settings(unknown, found) == ()
+
+
+def test_right_settings_are_left_alone_where_the_setpoint_moves_and_values_are_rounded() -> None:
+    moved = run(LOOP, 9000, setpoint=0.5 + 0.05 * (np.arange(9000) // 900 % 2), load=load_steps(9000))
+    assert moved.output is not None
+    given = LoopSettings(K=0.6, Ti=28.0, source={"K": "metadata", "Ti": "metadata"})
+    for record in (moved, replace(moved, output=np.round(moved.output, 3))):
+        assert check_settings(given, identify(record)) == ()
 
 
 def test_what_was_identified_is_not_compared_with_itself() -> None:

@@ -12,7 +12,7 @@ from backlash_cli.results import Cluster, Confirmation, Verdict
 
 CALM, SWINGING = (0.0, 0.0), (0.9, 60.0)
 DETAILS = {"evidence": 60.0, "crossings": 30.0, "share": 0.98, "share_deviation": 0.06, "output_range": 0.12,
-           "edge": 0.0, "trace": 1.0, "sign_known": 1.0}
+           "edge": 0.0, "trace": 1.0, "sign_known": 1.0, "output": "recorded"}
 FOUND = Confirmation(0.03, (0.027, 0.034), 0.4, 113.0, 0.04, DETAILS)
 NOTHING = Confirmation(0.004, (0.0, 0.008), 0.0, -6.0, 0.01, {**DETAILS, "evidence": 0.5, "trace": 0.0})
 CLUSTER = Cluster(0.028, (0.026, 0.031), 0.15, 9, 0.9)
@@ -163,7 +163,7 @@ def test_an_oscillation_gets_no_size_that_is_not_called():
 
 
 BY_HAND = {"source": "manual_test", "evidence": 20.0, "elsewhere": 9.0, "crossings": 3.0, "output_range": 0.06,
-           "edge": 0.0, "trace": 1.0, "sign_known": 1.0, "recordings": 1.0}
+           "edge": 0.0, "trace": 1.0, "sign_known": 1.0, "output": "recorded", "recordings": 1.0}
 TESTED = Confirmation(0.02, (0.017, 0.023), 0.4, 30.0, None, BY_HAND)
 CLEARED = Confirmation(0.004, (0.0, 0.008), 0.0, -6.0, 0.015, {**BY_HAND, "evidence": 0.5, "trace": 0.0})
 ONE_TURN = replace(TESTED, details={**BY_HAND, "crossings": 1.0})
