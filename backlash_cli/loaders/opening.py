@@ -58,7 +58,7 @@ _REWRITTEN = (
      ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
     (re.compile(r'^="[^"]*"(?:[,;\t]="[^"]*")*$'), ((re.compile(rb'="([^"\r\n]*)"'), rb'"\1"'),)))
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
-_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t]\s*[^\s,;\t]")
+_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text

@@ -277,7 +277,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         raw.add(piece)
     # of words that are the same behind their last digit, as numbers with a unit are, one is looked at
     told = {_TO_DIGIT.sub("", word): word for own in words.values() for word in own}.values()
-    table.named_again |= any(score_names([word]) > 0 for word in told)
+    table.named_again |= any(score_names([word]) > 0 and not mode_words([word]) for word in told)
     table.notes += [noted("named_above", column=head.names[i]) for i in above]
     clocks = [reader.finish() for reader in readers]
     for piece in raw.emptied():
