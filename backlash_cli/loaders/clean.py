@@ -131,9 +131,8 @@ class _Making:
         self.times, Ti = pv.times, settings.loop.Ti
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
-        self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid]
         told = [*pv.notes, *add_faults(self.faults, pv.faults)]
-        self.notes += told
+        self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid, *told]
         measured = self._on_grid(pv, "pv", grid)
         if first_chunk and not np.isfinite(measured).any():
             why = "".join(f"; {note.message}" for note in told)

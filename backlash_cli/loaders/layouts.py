@@ -146,7 +146,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     texts = [i for i in head.texts if i not in used]
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(
         sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
-               key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)))
+               key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i)
                )[:1] if kind == "tall" else ())
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
@@ -165,6 +165,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if not value or (not named and len(numbers) > 1):
         there = some([head.names[i] for i in numbers]) or "none holds numbers"
         raise InputError(**explained("no_values", there=there), where=head.where)
+    quality += tuple(i for i in head.texts if head.plain[i] in COLUMNS["units"] and i not in naming)
     return Layout(kind, (stamps,), tuple(value), naming, dict.fromkeys(value, quality),
                   tuple(i for i in rest if head.plain[i] in COLUMNS["further"] and i not in value))
 

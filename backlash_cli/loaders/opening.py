@@ -98,9 +98,6 @@ class Text:
         self.notes: list[Note] = []
         self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
-        if re.search(rb"(?m)^#(?:datatype|group|default)\b", self.head[:SAMPLE]):
-            self.rest = (bytearray(re.sub(rb'(?m)^"?#.*\n?', b"", block)) for block in chain([self.head], self.rest))
-            self.head = next(self.rest)
 
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0

@@ -319,7 +319,7 @@ class Joiner:
     def __init__(self, good_quality: tuple[str, ...] = ()) -> None:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
-        self._marks: dict[tuple[str, ...], dict[str, float]] = {}  # what earlier chunks tell of a quality's numbers
+        self._marks: dict[tuple[str, ...], dict[str, Any]] = {}  # what earlier chunks tell of a quality's numbers
         self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
 
     def signal(self, series: list[Series], role: str, loop: str) -> Signal:

@@ -1,6 +1,7 @@
 """What columns of qualities and of controller modes say of samples."""
 
 import re
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from ..errors import some
 from ..record import FloatArray, IntArray, Note
 from .cells import Cells
-from .names import WORDS, noted
+from .names import WORDS, is_column, noted
 
 _GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
                                        for kind in ("good", "bad", "doubt", "automatic", "manual"))
@@ -44,10 +45,16 @@ def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
     return extra, [float(word) for word in extra if re.fullmatch(r"-?\d+(?:\.\d+)?", word)]
 
 
-def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, float] | None = None
+def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, Any] | None = None
                  ) -> tuple[NDArray[np.bool_], list[Note]]:
     """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
     0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
+    known = {} if known is None else known
+    if is_column(name, "units"):  # what stands in another one than the first is as good as none of this signal
+        codes, words = cells.texts()
+        first = known.setdefault("unit", words[codes[codes >= 0][0]] if words else "")
+        return np.append([word == first for word in words], True)[codes], [
+            noted("other_unit", column=name, first=first, words=some(words))] * (words not in ([], [first]))
     numbers, codes, words = _numbers_or_words(cells, all_texts=True)
     extra, wanted = _named(further)
     if words and not extra and all(re.fullmatch(r"\s*0[xX][0-9a-fA-F]{1,8}\s*", word) for word in words):
@@ -55,7 +62,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     if numbers is not None:
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
-        return _good_numbers(numbers, name, {} if known is None else known)
+        return _good_numbers(numbers, name, known)
     if _ONE_IS_BAD.search(name) and all(re.fullmatch(r"\s*(?:true|false)\s*", word, re.IGNORECASE) for word in words):
         return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
@@ -67,7 +74,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     return np.append(np.array(good, bool), False)[codes], []
 
 
-def _good_numbers(values: FloatArray, name: str, seen: dict[str, float]) -> tuple[NDArray[np.bool_], list[Note]]:
+def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[NDArray[np.bool_], list[Note]]:
     known = values[np.isfinite(values)]
     low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
@@ -114,8 +121,7 @@ def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, l
         auto = np.isin(values, named or (1.0, 2.0, 3.0))
         notes = [noted("mode_numbers:usual")] if len(distinct) > 1 and not named else []
     elif np.all((distinct == whole) & (whole > 0) & (whole <= 128) & (whole & (whole - 1) == 0)):
-        auto = np.isin(values, (16.0, 32.0, 64.0))
-        notes = [noted("mode_numbers:fieldbus")]
+        auto, notes = np.isin(values, (16.0, 32.0, 64.0)), [noted("mode_numbers:fieldbus")]
     else:
         auto, notes = values == 1, [noted("mode_numbers", modes=some([f"{v:g}" for v in distinct], 5))]
     return np.where(present, auto, np.nan), notes

@@ -37,6 +37,7 @@ FEW = 3  # steps back of the stamps of a file that may be a clock that was set b
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
+_LABEL = re.compile(r"^(?:\w+=[^,;=]*,)*\w+=(?=[\w-]+$)")  # loop=FIC101, site=A,loop=FIC101 of InfluxDB
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -45,7 +46,7 @@ class TextTable:
     """A text file as a table: its first rows, then all of it in batches of columns."""
 
     def __init__(self, text: Text, stem: str, home: str) -> None:
-        self.text, self.where = text, text.where
+        self.text, self.where, self.notes = text, text.where, text.notes
         self.head = head_of(text, stem, home)
         self._bad: list[tuple[int | None, int, int, int, str]] = []  # number, cells expected and found, lines, text
         self.named_again = False  # lines or cells below rows name something
@@ -53,7 +54,6 @@ class TextTable:
         if first.num_rows == 0:
             raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
         self.head = replace(self.head, columns=tuple(first.columns))
-        self.notes = text.notes
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
         """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
@@ -305,7 +305,7 @@ def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, i
         pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "."))
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
-        if (name := words[i].strip()) and name != header:
+        if (name := _LABEL.sub("", words[i].strip())) and name != header:
             table[i] = tags.setdefault(name, len(tags))
     return table[codes]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
-from .cells import codes_and_words, is_number, is_text, plain_numbers, stored, to_array
+from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
 from .grid import DAY, HOUR, NAT, SECOND
 from .names import WORDS, explained, noted, plain
 from .options import ReadOptions
@@ -183,11 +183,9 @@ class StampReader:
             return self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
         if pa.types.is_time(kind):
             return self._past_midnight(micros_of(column))
-        if pa.types.is_null(kind):
-            return np.full(len(column), NAT)
         if is_text(kind):
             return self._texts(column)
-        if is_number(kind):
+        if is_number(kind) or pa.types.is_null(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
         raise InputError(**explained("no_stamps", column=self.name, kind=kind), where=self.where)
 
@@ -294,8 +292,6 @@ class StampReader:
 
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
         codes, words = codes_and_words(column)
-        if not words:
-            return np.full(len(codes), NAT)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
         if "%" in self.form:
             import pandas as pd
@@ -308,14 +304,15 @@ class StampReader:
             micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
             return np.append(self._seen(micros, np.zeros(len(words), bool)), NAT)[codes]
         if self._unit and self._unit != "digits":
-            return self._numbers(np.append(plain_numbers(words), np.nan)[codes])
+            return self._numbers(np.append(Lexicon(words).parsed[0], np.nan)[codes])
         micros, zoned, of_day = read_dates(words)
         if of_day and (self._of_day is not None or not self._zones):
             return self._past_midnight(np.append(micros, NAT)[codes])
-        for decimal in (".", ",") if not self._zones and np.all(micros == NAT) else ():
-            values = np.append(plain_numbers(words, decimal), np.nan)[codes]
-            if np.isfinite(values).mean() > 0.5:
-                return self._numbers(values)
+        if words and not self._zones and np.all(micros == NAT):
+            values, _, units = Lexicon(words).parsed
+            if 2 * np.isfinite(values).sum() > len(values):
+                self.name += f" ({units[0]})" * bool(units[0])  # 0 sec, as MATLAB writes durations
+                return self._numbers(np.append(values, np.nan)[codes])
         is_open = np.flatnonzero(_is_open(micros))
         self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
         numbers, clocks = _unpacked(micros[is_open])

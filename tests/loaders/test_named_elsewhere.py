@@ -101,6 +101,9 @@ EXPORTS = {
     "start_above_with_its_offset": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.0f}", time_name="Seconds", before="Started: 2026-03-18T00:55:00+01:00\n\n")}, options={"timezone": "America/Chicago"}, notes=("day_above",)),
     "rows_of_tags_without_a_header": Export({"plant.dat": "".join(f"{88 + k}\t{n}\t{iso(t)}\t{float(cell(n, x)):.5f}\t192\n" for k, (n, x, t) in enumerate((n, v[i], t) for i, t in enumerate(STAMPS) for n, v in SIGNALS.items()))}),
     "date_and_time_above_seconds": Export({"plant.lvm": wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.6f}", delimiter="\t", time_name="X_Value", before="Separator\tTab\nDate\t2026/03/17\nTime\t23:55:00.0\n***End_of_Header***\n\n")}, notes=("day_above",)),
+    "seconds_of_matlab": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds():g} sec", time_name="Time", before="Start time: 2026-03-17 23:55:00\n\n")}, notes=("day_above",)),
+    "minutes_with_decimal_comma": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds() / 60:.9f} min".replace(".", ","), delimiter=";", value=comma, time_name="Zeit", before="Start;17.03.2026 23:55:00\n\n")}, notes=("day_above",)),
+    "labels_of_influx": Export({"plant.csv": "".join("name,tags,time,OP,PV,SP\n" + "".join(f"pid,\"site=A,loop={loop}\",{int(seconds(t)) * 10**9},{row(loop, i)}\n" for i, t in enumerate(STAMPS)) for loop in RANGES)}),
     "date_above_and_times_of_its_ends": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S}", time_name="Time", before="Date: 2026-03-17\nStart time: 23:55:00\nEnd time: 00:12:00\n\n")}, notes=("day_above",)),
     "files_called_alike_in_folders_of_loops": Export({f"plant/{loop}/trend.csv": single(loop) for loop in RANGES}, inputs=("plant",)),
     "tag_above_files_called_after_signals": Export({f"plant/{k // 3}/{n[7:]}.csv": f"Tag: {n}\nTime,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for k, (n, v) in enumerate(SIGNALS.items())}, inputs=("plant",)),
@@ -186,6 +189,22 @@ def test_the_columns_are_named_of_which_one_may_be_what_is_missing(tmp_path, hea
     except BacklashError as error:
         messages = str(error)
     assert re.search(said, messages)
+
+
+@pytest.mark.parametrize("unit", ["l/s", "L/S", "%"])
+def test_samples_in_another_unit_than_before_are_not_used(tmp_path, unit):
+    """A change of the unit by a factor of 3.6 read as a jump of the measurement."""
+    def of_sample(tag, stamp, value):
+        other = tag == "FIC101.PV" and stamp in STAMPS[200:400]
+        of_tag = "%" if tag.endswith("OP") else "m3/h"
+        return f"{tag};{stamp:%Y-%m-%d %H:%M:%S};{float(value) / 3.6 if other else value};{unit if other else of_tag}"
+
+    (tmp_path / "plant.csv").write_text(long(of_sample, "Tag;Time;Value;Units"))
+    plant = read(tmp_path / "plant.csv")
+    assert np.count_nonzero(plant["FIC101"].usable) == len(STAMPS) - 200
+    said, = (note.message for note in plant["FIC101"].notes if note.code == "other_unit")
+    assert "Units" in said and f"(m3/h, {unit})" in said and "only samples in m3/h" in said
+    assert not [note for note in plant["PIC303"].notes if note.code in ("other_unit", "bad_quality")]
 
 
 def test_bad_rows_of_a_text_in_a_code_page_are_not_used(tmp_path):
