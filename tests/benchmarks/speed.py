@@ -2,8 +2,10 @@
 
     python -m tests.benchmarks.speed [LOOPS]
 
-Start-up is taken off (every step runs once on a small file first); one thread each. The baseline `plain_pandas` makes
-the same estimate loop by loop.
+Start-up is taken off (every step runs once on a small file first); one thread each. What is compared runs in turn,
+because the same work takes half as long again from one minute to the next on a shared machine; a ratio is the median
+of those of the rounds, with the smallest and the largest beside it. The baseline `plain_pandas` makes the same estimate
+loop by loop.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pa_parquet
@@ -25,6 +28,8 @@ from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.signals import Joiner
 from tests.benchmarks.made_plant import DAY, write
 from tests.benchmarks.plain_pandas import dead_bands
+
+ROUNDS = 7
 
 
 def cpu(work: Callable[[], object], times: int = 3) -> float:
@@ -47,19 +52,21 @@ def records_of(path: Path) -> int:
 def ratios(path: Path, loops: int) -> None:
     """Print the time of each stage, and the ratios."""
     samples = loops * DAY
-    if path.suffix == ".csv":
-        alone = cpu(lambda: pa_csv.read_csv(path, read_options=pa_csv.ReadOptions(use_threads=False)))
-    else:
-        alone = cpu(lambda: pa_parquet.read_table(path, use_threads=False))
-    opened = cpu(lambda: open_plant(path))
-    read = cpu(lambda: records_of(path))
-    quick = cpu(lambda: scan_files(path, options=ScanOptions(confirm=False), jobs=1))
-    full = cpu(lambda: scan_files(path, jobs=1), 2)
+    in_one_thread = pa_csv.ReadOptions(use_threads=False)
+    work: dict[str, Callable[[], object]] = {
+        "alone": (lambda: pa_csv.read_csv(path, read_options=in_one_thread)) if path.suffix == ".csv" else (
+            lambda: pa_parquet.read_table(path, use_threads=False)),
+        "opened": lambda: open_plant(path), "read": lambda: records_of(path),
+        "quick": lambda: scan_files(path, options=ScanOptions(confirm=False), jobs=1)}
+    rounds = pd.DataFrame([{name: cpu(run, 1) for name, run in work.items()} for _ in range(ROUNDS)])
+    alone, opened, read, quick = rounds.median()
+    ratio, full = rounds["quick"] / rounds["alone"], cpu(lambda: scan_files(path, jobs=1), 1)
     steps = {"pyarrow alone": alone, "open": opened, "records": read - opened, "estimates": quick - read,
              "confirmation": full - quick}
     print(f"{path.suffix[1:]}: " + ", ".join(f"{name} {1e9 * t / samples:.0f}" for name, t in steps.items())
-          + f" ns a loop-sample; --no-confirm {quick / alone:.2f} times pyarrow alone ({1e3 * quick / loops:.1f} ms a "
-          f"loop-day), full verdict {full / alone:.2f} times ({1e3 * full / loops:.1f} ms)", flush=True)
+          + f" ns a loop-sample; --no-confirm {ratio.median():.2f} ({ratio.min():.2f} to {ratio.max():.2f}) times "
+          f"pyarrow alone ({1e3 * quick / loops:.1f} ms a loop-day), full verdict {full / alone:.2f} times "
+          f"({1e3 * full / loops:.1f} ms)", flush=True)
     plain = cpu(lambda: dead_bands(path), 1)
     print(f"plain pandas program, the estimate alone: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times "
           "full verdict")
