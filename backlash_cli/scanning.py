@@ -14,7 +14,7 @@ from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
-from .estimator.settings_check import check_settings
+from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
@@ -115,7 +115,7 @@ class LoopScanner:
         """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
         settings, used, refusal = self.settings, self._survey.used, self._refusal()
         on_settings: tuple[Note, ...] = ()
-        if self.options.confirm and self._given and used:
+        if self.options.confirm and self._given and used and not follows(record, settings):
             # a contradiction limits the verdict
             on_settings = tuple(
                 replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"

@@ -101,18 +101,14 @@ def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
     """Return counts and estimates by their names in a LoopReport. left_out: half periods too short to be kept. seconds:
     of the record that were used."""
     counts = np.bincount(h.why, minlength=len(WHY)).tolist()
-    everything, accepted = len(h) + left_out, counts[OK]
-    long = len(h) - counts[TOO_SHORT] - counts[INCOMPLETE]
     counts[TOO_SHORT] += left_out
+    everything, accepted = sum(counts), counts[OK]
     return {
-        "half_periods": everything,
-        "long_half_periods": long,
-        "detections": accepted,
-        "detection_rate": accepted / max(everything, 1),
+        "half_periods": everything, "long_half_periods": everything - counts[TOO_SHORT] - counts[INCOMPLETE],
+        "detections": accepted, "detection_rate": accepted / max(everything, 1),
         "detections_per_hour": accepted / max(seconds / 3600.0, 1e-12),
         "rejected": dict(sorted((WHY[code], n) for code, n in enumerate(counts) if n and code != OK)),
-        "estimates": h.select(h.why != TOO_SHORT),
-    }
+        "estimates": h.select(h.why != TOO_SHORT)}
 
 
 def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[float, float]:

@@ -6,11 +6,14 @@ identified), "K" and "Ti" (as identified, in the units of the record), and "seve
 beyond, the size of a dead band is wrong by that factor).
 """
 
-from math import exp, log
+from dataclasses import replace
+from math import ceil, exp, log
 
-from ..record import Frozen, LoopSettings, Note
+from ..record import Frozen, LoopSettings, Note, Record
 from ..words import noted, said
-from .identify import Identification, Identified
+from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawForm, fit_law
+from .identify import SLOWEST, WINDOW, Identification, Identified, law_rows, window_of
+from .survey import LEVELS, SLOWER
 
 AGREES = log(1.15)  # findings: K/Ti is identified to 4-8 % in nine loops of ten
 SURE = log(1.05)  # by so much at least the interval must lie away from the value given
@@ -21,6 +24,10 @@ CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/T
 COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
+# The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
+SAME_RATIO, SAME_GAIN = log(1.08), 1.3  # of K/Ti; of K and Td
+UNEXPLAINED, FEWEST_WINDOWS = 0.1, 3  # share of OP's motion; of them at least
+LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
 
 class MixUp(Frozen):
@@ -52,6 +59,26 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
         notes.append(noted("settings_derivative", {"Td": found.Td.value, "severity": "warn"}, given=settings.Td,
                            low=low, high=high))
     return tuple(notes)
+
+
+def follows(record: Record, settings: LoopSettings) -> bool:
+    """Whether one fit of the law explains the recorded output and gives the settings back: it takes a twentieth of the
+    search of `identify`, and what it accepts `check_settings` would accept."""
+    K, Ti, Td, Tf = settings.K, settings.Ti or 0.0, settings.Td, settings.filter_time or 0.0
+    level = min(max(ceil(log(max(Ti / record.interval, 1.0) / SLOWEST) / log(SLOWER)), 0), LEVELS - 1)
+    rows = law_rows(record, level) if K and Ti >= LEAST_PER_TI * record.interval else None
+    if not K or rows is None:
+        return False
+    window, settle = window_of(WINDOW * Ti / rows.interval, len(rows.index)), ceil(5.0 * Tf / rows.interval) + 1
+    form = LawForm((PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE), window, settle, 0, 0.5 if level else 0.0)
+    fit = fit_law(rows, form, Tf)  # None: the setpoint stands still, or moved between the windows only
+    fit = fit or fit_law(rows, replace(form, terms=(PROPORTIONAL, INTEGRAL, DERIVATIVE)), Tf)
+    if fit is None or len(fit.sums) < FEWEST_WINDOWS or fit.unexplained > UNEXPLAINED:
+        return False
+    found = fit.values[-1] / fit.gain
+    same = SAME_GAIN * min(found, Td) >= max(found, Td) if Td else found <= max(2.0 * Tf, 0.02 * Ti)
+    return bool(same and abs(log(abs(fit.values[1] * Ti / K))) <= SAME_RATIO and fit.gain * K > 0.0
+                and abs(log(fit.gain / K)) <= log(SAME_GAIN))
 
 
 def _magnitude(x: Identified) -> Identified:

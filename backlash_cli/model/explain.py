@@ -116,12 +116,9 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
         series=series_of(problem, predicted_by(problem, last.fit), last.fit.shape), settings=record.settings,
         final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),
         model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
-        details={
-            "gains": {name: found.gain(name) for name in found.without},
-            "left": {"score": found.left.score, "share": found.left.share},
-            "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast},
-        },
-    )
+        details={"gains": {name: found.gain(name) for name in found.without},
+                 "left": {"score": found.left.score, "share": found.left.share},
+                 "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast}})
 
 
 def rungs(problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]
