@@ -80,7 +80,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     for begin, (what, remedy) in WORDS["foreign"].items():
         if re.match(begin.encode("latin-1"), magic, re.DOTALL):
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
-    if magic.startswith(b"PK\x03\x04"):
+    if magic.startswith((b"PK\x03\x04", b"PK\x05\x06")):  # the other: an archive without a file
         named = path.name.lower().endswith(WORKBOOKS)  # or the first file in it tells
         packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
         return "workbook" if named or packed else "archive"

@@ -262,6 +262,7 @@ def test_a_workbook_may_have_date_and_time_of_day_in_two_columns(tmp_path):
 
 @pytest.mark.parametrize(("files", "said"), [
     ({"picture.png": b"\x89PNG"}, "holds no export"),
+    ({}, "holds no export"),
     ({"day.csv": b"\x00" * (200 << 20)}, "holds no export|expand|binary"),
 ])
 def test_a_zip_archive_without_an_export_says_so(tmp_path, files, said):
