@@ -92,14 +92,13 @@ class Cells(Frozen, eq=False):
         return Counter(self.lexicon.words[code].strip()[:40] for code in codes[codes >= 0].tolist())
 
     def texts(self) -> tuple[IntArray, list[str]]:
-        """Return (codes, words): the text of each cell, numbers as text too; -1 for an empty cell."""
+        """Return (codes, words): the text of each cell, of numbers too, whole ones without a point; -1 if empty."""
         used, rows, which = self._used
         codes = np.full(len(self.values), -1)
         codes[rows] = which
         known = np.flatnonzero(~np.isnan(self.values) & (codes < 0))
         values, which = np.unique(self.values[known], return_inverse=True)
         codes[known] = which + len(used)
-        # whole ones without a point
         numbers = (f"{v:.0f}" if v == np.rint(v) and abs(v) < 1e15 else repr(v) for v in values.tolist())
         return codes, [*(self.lexicon.words[i] for i in used), *numbers]
 

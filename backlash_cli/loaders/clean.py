@@ -267,9 +267,8 @@ def _where_recorded(pv: Signal) -> Signal:
     if 0 < count < len(blank):
         edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
         if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
-            rows = np.flatnonzero(~blank)
-            return replace(pv, times=Times(pv.times.micros[rows], pv.times.notes), values=pv.values[rows],
-                           bad=pv.bad[rows])
+            at = np.flatnonzero(~blank)
+            return replace(pv, times=Times(pv.times.micros[at], pv.times.notes), values=pv.values[at], bad=pv.bad[at])
     return pv
 
 

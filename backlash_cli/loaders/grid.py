@@ -275,9 +275,9 @@ def _plan(stamps: IntArray) -> Grid:
         return Grid(start, usual, "regular")
     low, middle, high = np.quantile(steps, [0.1, 0.5, 0.99]).tolist()
     if np.mean((steps >= JITTER[0] * middle) & (steps <= JITTER[1] * middle)) >= 0.9:
-        spacing = steps[steps <= 1.5 * middle].mean()  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
+        spacing = steps[steps <= JITTER[1] * middle].mean()  # the median of coarse stamps (2, 2, 3, 2, 3 s) is not it
         near = steps[steps <= 10 * middle]
-        step = _nice(near.mean() / np.rint(near / spacing).mean())
+        step = _nice(near.mean() / np.floor(near / spacing + 2.0 - JITTER[1]).clip(1.0).mean())
         return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step)
     base = int(np.gcd.reduce(values))
     if base < middle / MAX_GROWTH:

@@ -118,11 +118,13 @@ def split_tag(text: str) -> Tag:
     if len(name) <= NESTED_LIMIT and is_column(parts[0][1], "quality") and is_whole(rest):
         return Tag(split_tag(rest).loop, "quality", parts[0][1], of=rest)  # Quality FIC101.PV
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
+    dots = "." in name  # C.SP is the setpoint of a loop C, L SP a local one
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
         kept = parts[: len(parts) - drop]
         end = parts[-drop].start() if drop else len(name)
-        if len(kept) >= words and (not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"] or (
-                {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
+        if len(kept) >= words and (words == 1 or kept[-words].start() or not (dots and signal_role(kept[-1][1]))) and (
+                not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"] or (
+                    {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
                 return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

@@ -179,10 +179,8 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     paths = [loops] if loops is not None else find_sidecars(given, sources)
     metadata = merge([read_metadata(path) for path in paths])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
-    if not metadata.files:
-        notes.append(noted("no_metadata"))
-    elif not metadata.loops:
-        notes.append(noted("no_metadata:empty", file=metadata.files[0]))
+    if not metadata.loops:
+        notes.append(noted("no_metadata:empty" if metadata.files else "no_metadata", file="".join(metadata.files[:1])))
     return metadata, notes
 
 

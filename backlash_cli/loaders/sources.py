@@ -105,8 +105,7 @@ def is_export(name: str) -> bool:
 
 def stem_of(name: str) -> str:
     """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    found = _FILE.fullmatch(name)
-    return found["stem"] if found else name
+    return found["stem"] if (found := _FILE.fullmatch(name)) else name
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:

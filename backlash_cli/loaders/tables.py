@@ -64,7 +64,7 @@ class TextTable:
             types[i] = _WORDS if is_text(kind) or (i in stamps and "%" in (self.text.options.time_format or "")) else (
                 plain if i not in stamps else None if pa.types.is_null(kind) else kind)
         # rows are numbered where one thread reads them
-        first_bad, self._bad = self._bad[0][0] if self._bad else None, []
+        first_bad, self._bad, mark = self._bad[0][0] if self._bad else None, [], self.head.delimiter.encode()
         del self.text.head[: self.head.offset]
         tables: list[pa.Table] = []
         for block in (block for block in chain([self.text.head], self.text.rest) if not block.isspace()):
@@ -74,6 +74,11 @@ class TextTable:
             except pa.ArrowInvalid:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
+            # a quotation mark that is not closed takes in the rows that follow, without a trace if no cell is missing
+            counted = table.num_rows + sum(bad[3] for bad in self._bad[before:])
+            within = bytes(block).split(b'"')[1::2] if b'"' in block and block.count(b"\n") > counted else []
+            self._bad += [(None, 0, 0, lost, part[:40].decode(errors="replace")) for part in within if (
+                lost := sum(line.count(mark) + 1 == len(self.head.names) for line in part.split(b"\n")[1:]))]
             rows = sum(one.num_rows for one in tables)
             if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
                 yield _columns(tables)
@@ -81,12 +86,11 @@ class TextTable:
             tables.append(table)
         yield _columns(tables)
         if self._bad:
-            line = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
-            _, expected, found, _, text = self._bad[0]
-            rows = sum(bad[3] for bad in self._bad)  # a quotation mark that is not closed takes in all that follow
+            at = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
+            _, cells, got, _, text = self._bad[0]
+            rows = float(sum(bad[3] for bad in self._bad))
             code = "ragged_rows:quote" if rows > len(self._bad) else "ragged_rows"
-            self.notes.append(noted(code, {"rows": float(rows), "file": self.where}, line=line, found=found,
-                                    expected=expected, text=text))
+            self.notes += [noted(code, {"rows": rows, "file": self.where}, at=at, got=got, cells=cells, text=text)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:

@@ -192,11 +192,10 @@ class StampReader:
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
         numbers = [np.where(np.abs(values := stored(column, {})[0]) < LIMIT, values, np.nan) for column in columns]
-        # more than the first rows showed
         if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
             if self._zones:
                 raise InputError(**explained("hhmm", column=self.name), where=self.where)
-            self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]
+            self.units = ["hhmmss" if unit == "hhmm" else unit for unit in self.units]  # which no row showed before
         given = dict(zip(self.units, numbers, strict=True))
         if "year" in given:
             part = {u: np.clip(np.nan_to_num(given[u]), 0.0, 9999.0).astype(np.int64) for u in DATE if u in given}

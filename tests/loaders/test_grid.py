@@ -112,10 +112,11 @@ def test_no_time_passes(seconds):
     assert caught.value.code in ("constant_time", "too_few_samples")
 
 
-def test_jitter_is_resampled():
+@pytest.mark.parametrize(("reach", "absent"), [(0.3, 60), (0.37, 0), (0.35, 30), (0.1, 200)])
+def test_jitter_is_resampled(reach, absent):
     rng = np.random.default_rng(3)
-    seconds = np.sort(np.arange(2000) + rng.uniform(-0.3, 0.3, 2000))
-    seconds = np.delete(seconds, rng.choice(2000, 60, replace=False))
+    seconds = np.sort(np.arange(2000) + rng.uniform(-reach, reach, 2000))
+    seconds = np.delete(seconds, rng.choice(2000, absent, replace=False))
     grid = make_grid(ordered(stamps(seconds)))
     assert grid.kind == "jitter" and grid.interval == 1.0 and codes(grid) == ["resampled"]
     assert np.array_equal(grid.index, np.arange(len(grid.index)))

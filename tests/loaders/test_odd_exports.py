@@ -641,3 +641,11 @@ def test_names_of_loggers_and_points_of_networks(tmp_path, form):
 @pytest.mark.parametrize("name", ["FIC101.OP mA", "FIC101_OP_mA", "FIC101.OP in mA", "FIC101.OP act"])
 def test_a_unit_behind_a_signal_is_no_signal(name):
     assert (split_tag(name).loop, split_tag(name).role) == ("FIC101", "op")
+
+
+@pytest.mark.parametrize(("name", "loop", "role"), [
+    ("C.SP", "C", "sp"), ("W.SP", "W", "sp"), ("S.PV", "S", "pv"), ("TARGET.SP", "TARGET", "sp"),
+    ("L.SP.Value", "L", "sp"), ("Set.Point", "", "sp"), ("Local SP", "", "sp"), ("FIC101.L.SP", "FIC101.", "sp"),
+    ("Setpoint.Value", "", "sp"), ("FIC101.Set.Point", "FIC101", "sp")])
+def test_a_short_name_of_a_loop_is_no_part_of_its_signal(name, loop, role):
+    assert (split_tag(name).loop.rstrip("."), split_tag(name).role) == (loop.rstrip("."), role)

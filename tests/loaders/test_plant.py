@@ -569,3 +569,19 @@ def test_a_time_pattern_is_heeded_where_stamps_look_like_iso(tmp_path):
     text = "time,A.SP,A.PV,A.OP\n" + "".join(f"{t},0.5,0.{k % 7},0.{k % 5}\n" for k, t in enumerate(stamps))
     record = read(save(tmp_path, text), options=ReadOptions(time_format="%Y-%d-%m %H:%M:%S"))["A"]
     assert record.start == 1772323200 and record.interval == 3600 and np.array_equal(record.index, np.arange(72))
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_rows_that_an_open_quotation_mark_takes_in_are_counted_where_no_cell_is_missing(tmp_path, delimiter):
+    """A remark in the last column took in the rest of the file without a word."""
+    lines = [delimiter.join([line, ""]) for line in wide(delimiter=delimiter).splitlines()]
+    lines[0] += "note"
+    lines[100] += '"valve\nstuck"'
+    (tmp_path / "plant.csv").write_text("\n".join(lines) + "\n")
+    assert not [note for note in read(tmp_path).warnings if note.code == "ragged_rows"]
+    lines[300] += '"operator'
+    (tmp_path / "plant.csv").write_text("\n".join(lines) + "\n")
+    plant = read(tmp_path)
+    said, = (note for note in plant.warnings if note.code == "ragged_rows")
+    assert said.values["rows"] == len(lines) - 301.0 and "operator" in said.message
+    assert {len(record) for record in plant} == {300}
