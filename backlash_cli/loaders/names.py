@@ -14,9 +14,9 @@ COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].it
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 NESTED_LIMIT = 500  # longer names are taken apart once only
-_PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~ \n])+)([^.,\-_/:\\|#$~ \n]+)")
+_PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~! \n])+)([^.,\-_/:\\|#$~! \n]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
-_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|\.\w+@\w+$")  # \\SERVER\, .UNIT1@NET0
+_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?:\.(?!(?:SP|PV|OP|MV|CO|OUT|MODE)@)\w+)?@\w+$")  # \\SERVER\, .U1@N0
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
@@ -41,7 +41,7 @@ class Tag(Frozen):
 @lru_cache(1 << 16)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s.,_\-/:\\#*'\"|$~>]+", "", _UNIT.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", _UNIT.sub("", text)).lower()
 
 
 def bare_tag(text: str) -> str:
