@@ -12,7 +12,6 @@ EFFECTS: tuple[Effect, ...] = (
     curves.VALVE_CHARACTERISTIC, process.DEAD_TIME, process.SECOND_LAG, process.GAIN_DRIFT,
     loads.LOAD_STEP, loads.LOAD_DRIFT, loads.EXTERNAL_OSCILLATION, loads.MEASURED_DISTURBANCE, loads.RANDOM_LOAD,
     backlash.SENSOR_HYSTERESIS, curves.SENSOR_CURVE, loads.MEASUREMENT_NOISE, recording.QUANTIZATION,
-    recording.EXCEPTION_COMPRESSION,
-)
+    recording.EXCEPTION_COMPRESSION)
 
 __all__ = ["EFFECTS", "Effect", "Parameter", "Stage"]

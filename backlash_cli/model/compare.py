@@ -141,4 +141,6 @@ def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple
                          {"driven": problem.driven, "ahead_s": problem.ahead * problem.interval}))
     if problem.holes:
         out.append(noted("output_holes", {"holes": problem.holes}))
+    if problem.origin == "completed":
+        out.append(noted("output_completed"))
     return tuple(out)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
+from ..estimator.rebuild import output_made
 from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold
 from ..words import explained
 
@@ -40,8 +41,9 @@ class Problem(Frozen, eq=False):
     delay: dead time [s], where the settings give one. holes: of OP that matter. floor: standard deviation of the
     measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
-    matters. seed: of random trials of a search. start: epoch seconds of the first sample. others: columns of the last
-    shapes, and OP as their valves moved it, by what they were made of; most trials of a fit leave them as they are.
+    matters. seed: of random trials of a search. start: epoch seconds of the first sample. origin: as of `output_made`.
+    others: columns of the last shapes, and OP as their valves moved it, by what they were made of; most trials of a fit
+    leave them as they are.
     """
 
     loop: str
@@ -61,6 +63,7 @@ class Problem(Frozen, eq=False):
     output_step: float = 0.0
     seed: int = 0
     start: float = 0.0
+    origin: str = "recorded"
     others: dict[object, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -97,8 +100,10 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         out[index] = values
         return out
 
-    state = on_grid(record.state)
-    measurement, output, setpoint = map(on_grid, (record.measurement, record.output, record.setpoint))
+    state, outputs, origin = on_grid(record.state), record.output, "recorded"
+    if record.settings.K and record.settings.Ti:
+        outputs, origin = output_made(record, record.settings, record.usable & np.isfinite(record.measurement))
+    measurement, output, setpoint = map(on_grid, (record.measurement, outputs, record.setpoint))
     # PV is predicted from OP whoever moves OP: manual periods and OP at a limit tell as much as automatic ones
     whole = np.isin(state, (SampleState.GOOD, SampleState.MANUAL, SampleState.SATURATED))
     used = whole & np.isfinite(measurement) & np.isfinite(output)
@@ -133,7 +138,7 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
         record.settings.theta or None, record.settings, len(holes) * heard, floor,
         moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
-        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]))
+        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]), origin)
 
 
 def readings(problem: Problem) -> list[Problem]:

@@ -108,8 +108,7 @@ def model_text(model: Model) -> str:
     out = [
         "# Model of one loop, made by backlash: PV = Kp x lag(effects(OP)) + offset.",
         "# Change what you know better, then: backlash compare EXPORT --model THIS_FILE",
-        "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds.",
-    ]
+        "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds."]
     told = {key: getattr(model, key) for key in PLAIN}
     told |= {key: datetime.fromtimestamp(round(told[key], 3), UTC) for key in ("start", "end") if told[key] is not None}
     out += [f"{key} = {_value(value)}{REMARKS.get(key, '')}" for key, value in told.items() if value is not None]
@@ -152,8 +151,7 @@ def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequenc
     return Model(
         record.loop, fitted.gain, fitted.shape.lag, float(fitted.coefficients[1]), fitted.shape.delay, tuple(entries),
         start, end, record.interval, record.settings.pv_range, record.settings.op_range, rmse_holdout,
-        usual_output(problem),
-    )
+        usual_output(problem))
 
 
 def reference(effect: Effect) -> str:

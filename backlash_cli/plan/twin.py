@@ -138,8 +138,7 @@ class Twin(Frozen, eq=False):
             Signal(self.level, (added(np.repeat(setpoint, inner), Stage.LOAD),)), self.output, record_interval=h,
             sample_time=h / inner, name=self.record.loop,
             recorder=tuple(Recorder(use("quantization", step=step), (name,))
-                           for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step),
-        )
+                           for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step))
         if test.kind == "manual_test":
             before = replace(scenario, duration=begin)
             stood = float(trace(before).output[-1])

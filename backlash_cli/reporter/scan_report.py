@@ -34,8 +34,7 @@ _RULE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
 _RULES: dict[str, tuple[Verdict, ...]] = {
     **{str(v): (v,) for v in Verdict if v is not Verdict.NO_BACKLASH},
     "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
-    "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING),
-}
+    "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING)}
 
 
 def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:

@@ -110,8 +110,7 @@ def _night_values(night: Night) -> dict[str, Any]:
         **{name: getattr(night, name) for name in ("source", "limit_of_detection", "samples", "interval_s",
                                                    "half_periods", "detections")},
         "output_travel_per_hour": night.travel, **{name: night.settings.get(name) for name in ("K", "Ti", "Kp")},
-        "reasons": "; ".join(n.message for n in night.reasons), "warnings": "; ".join(n.code for n in night.warnings),
-    }
+        "reasons": "; ".join(n.message for n in night.reasons), "warnings": "; ".join(n.code for n in night.warnings)}
 
 
 def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:

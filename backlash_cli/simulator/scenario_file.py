@@ -32,8 +32,7 @@ SIMULATION = ("duration", "step", "sample_time", "record_interval", "seed", "sta
 PROCESS = "for example --process K=1.3,T=20,L=2 (static gain, lag and dead time in seconds; more lags: T2=..)"
 _PROCESS_NAMES = {
     **dict.fromkeys(("k", "kp", "gain"), "gain"), **dict.fromkeys(("l", "theta", "dead_time"), "dead_time"),
-    **dict.fromkeys(("t", "t1", "t2", "t3", "t4", "tau", "tau1", "tau2"), "lag"),
-}
+    **dict.fromkeys(("t", "t1", "t2", "t3", "t4", "tau", "tau1", "tau2"), "lag")}
 
 
 def read_toml(path: str) -> dict[str, Any]:

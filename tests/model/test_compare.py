@@ -13,6 +13,8 @@ from backlash_cli.model.locate import turning_points
 from backlash_cli.model.problem import noise_floor, problem_from_record
 from backlash_cli.record import LoopSettings, Record, SampleState, record_from_arrays
 
+from ..benchmarks.strange_plant import swinging_door
+from ..estimator.closed_loop import Loop, run
 from .loops import loop, steps
 
 
@@ -126,3 +128,20 @@ def test_holes_bad_samples_and_manual_periods_are_no_obstacle() -> None:
     found = compare(gapped)
     assert found.fitness.parameters["tau"].value == pytest.approx(20.0, rel=0.03)
     assert found.fitness.rmse_holdout < 0.00115
+
+
+def test_few_values_of_the_output_are_completed_before_a_model_is_fitted() -> None:
+    """Held from one kept value to the next OP comes late, and the dead band is not found at all."""
+    truth, settings = 0.05, LoopSettings(K=0.6, Ti=20.0)
+    record = run(Loop(dead_band=truth), 4000, setpoint=0.4 + 0.2 * steps(4000, hold=250))
+    assert record.output is not None
+    kept = np.where(swinging_door(record.output, 0.008), np.arange(len(record)), 0)
+    few = replace(record, output=record.output[np.maximum.accumulate(kept)])
+    assert "output_completed" not in [note.code for note in compare(replace(record, settings=settings)).warnings]
+    completed, held = (explain(replace(few, settings=own), effects=("backlash",)) for own in (
+        settings, replace(settings, K=None)))
+    assert [note.code for note in completed.warnings].count("output_completed") == 1
+    assert "output_completed" not in [note.code for note in held.warnings]
+    assert not held.effects
+    found = completed.effects[0].parameters["d"]
+    assert found.ci95[0] <= truth <= found.ci95[1] and found.ci95[1] - found.ci95[0] < 0.1 * truth
