@@ -25,7 +25,7 @@ COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be se
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
 # The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
-SAME_RATIO, SAME_GAIN = log(1.08), 1.3  # of K/Ti; of K and Td
+SAME_RATIO, SAME_GAIN = 1.08, 1.3  # of K/Ti; of K and Td
 UNEXPLAINED, FEWEST_WINDOWS = 0.1, 3  # share of OP's motion; of them at least
 LEAST_PER_TI = 5.0  # rows per Ti; with fewer the record does not show which part of the newest error OP contains
 
@@ -77,8 +77,8 @@ def follows(record: Record, settings: LoopSettings) -> bool:
         return False
     found = fit.values[-1] / fit.gain
     same = SAME_GAIN * min(found, Td) >= max(found, Td) if Td else found <= max(2.0 * Tf, 0.02 * Ti)
-    return bool(same and abs(log(abs(fit.values[1] * Ti / K))) <= SAME_RATIO and fit.gain * K > 0.0
-                and abs(log(fit.gain / K)) <= log(SAME_GAIN))
+    return bool(same and all(1.0 / most <= times <= most for times, most in (
+        (fit.values[1] * Ti / K, SAME_RATIO), (fit.gain / K, SAME_GAIN))))
 
 
 def _magnitude(x: Identified) -> Identified:

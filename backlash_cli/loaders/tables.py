@@ -89,7 +89,7 @@ class TextTable:
             at = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
             _, cells, got, _, text = self._bad[0]
             rows = float(sum(bad[3] for bad in self._bad))
-            code = "ragged_rows:quote" if rows > len(self._bad) else "ragged_rows"
+            code = "ragged_rows:quote" if rows > len(self._bad) or not cells else "ragged_rows"
             self.notes += [noted(code, {"rows": rows, "file": self.where}, at=at, got=got, cells=cells, text=text)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True

@@ -585,3 +585,7 @@ def test_rows_that_an_open_quotation_mark_takes_in_are_counted_where_no_cell_is_
     said, = (note for note in plant.warnings if note.code == "ragged_rows")
     assert said.values["rows"] == len(lines) - 301.0 and "operator" in said.message
     assert {len(record) for record in plant} == {300}
+    lines[301] += '"'  # one row is lost
+    (tmp_path / "plant.csv").write_text("\n".join(lines) + "\n")
+    said, = (note for note in read(tmp_path).warnings if note.code == "ragged_rows")
+    assert said.values["rows"] == 1.0 and "quotation" in said.message
