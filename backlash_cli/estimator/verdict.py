@@ -175,7 +175,8 @@ def _in_automatic(f: Findings) -> Decision:
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
     imitated = float(c.details.get("imitation", 0.0)) / max(float(c.details.get("gain", 0.0)), 1e-9)
-    sure = confidence(float(c.details["evidence"]), by_hand(c), imitated)
+    evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
+    sure = confidence(evidence, by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
@@ -189,7 +190,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         if limits and not agree:
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
-    none = noted("play_does_not_fit", {"evidence": float(c.details["evidence"])})
+    none = noted("play_does_not_fit", {"evidence": evidence}, origin=origin)
     if f.swinging:
         found = reasons[0] if reading.some else none
         return Decision(Verdict.OSCILLATING, (*f.swinging, found, *reading.against, *limits), 0.7, None)
@@ -197,7 +198,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), size)
     span, limit = float(c.details["output_range"]), c.limit_of_detection
     if c.details["trace"]:
-        trace = noted("not_separable", {"d": c.d, "evidence": float(c.details["evidence"])})
+        trace = noted("not_separable", {"d": c.d, "evidence": evidence})
         return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
     coarse = tuple(note for note in f.quality if note.code in COARSE)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or any(n.code == COARSE[0] for n in coarse):

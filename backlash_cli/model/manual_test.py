@@ -323,8 +323,7 @@ def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: F
         "source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
         "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
-        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded",
-    }
+        "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded"}
     return confirmation(d, (low, high), max(reduction, 0.0), _limit(data, models, none, widths, gains), details,
                         widths, gains)
 
