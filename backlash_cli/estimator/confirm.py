@@ -233,8 +233,7 @@ def _confirmation(s: Study) -> Confirmation:
         "rows": float(best[0].prediction.rows), "block_s": best[0].prediction.size * s.interval,
         "output_range": s.span / 100.0, "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0,
         "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
-        "sign_known": float(s.settings.K is not None), "output": s.output,
-    }
+        "sign_known": float(s.settings.K is not None), "output": s.output}
     return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, answer)
 
 

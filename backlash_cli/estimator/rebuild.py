@@ -17,13 +17,12 @@ def output_made(record: Record, settings: LoopSettings, usable: NDArray[np.bool_
     evenly, where a historian kept few values and the law, with the weight of the setpoint that fits best, leads from
     one to the next. rebuilt: none was recorded.
     """
-    assert settings.Ti
     known = usable & np.isfinite(record.setpoint)
     if (output := record.output) is None:
         return rebuilt_output(record, settings, known), "rebuilt"
     at = np.flatnonzero(known & np.isfinite(output))
     own = at[np.diff(output[at], prepend=np.nan) != 0.0]
-    if FEWEST_RECORDS <= len(own) <= len(at) / (RARE * max(settings.Ti / 8.0 / record.interval, 1.0)):
+    if FEWEST_RECORDS <= len(own) <= len(at) / (RARE * max((settings.Ti or 0.0) / 8.0 / record.interval, 1.0)):
         law = rebuilt_output(record, settings, known)
         missed, moves = output[own] - law[own], np.diff(record.setpoint[own])
         weight = np.diff(missed) @ moves / max(moves @ moves, 1e-300)  # of the setpoint in the proportional part

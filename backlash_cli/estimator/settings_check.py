@@ -165,8 +165,7 @@ def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> l
         ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),
         ("settings_ti_repeats", Ti * Ti, f"looks like repeats per second (Ti {1 / Ti:.3g} s)"),
         ("settings_ti_repeats", Ti * Ti / 60.0, f"looks like repeats per minute (Ti {60 / Ti:.3g} s)"),
-        ("settings_form", 1.0 / true_gain, "s looks like that of the parallel form, 1/Ki (Ti = K/Ki)"),
-    )]
+        ("settings_form", 1.0 / true_gain, "s looks like that of the parallel form, 1/Ki (Ti = K/Ki)"))]
     both = [MixUp(a.code if abs(log(a.gain)) > abs(log(b.reset)) else b.code, a.gain, b.reset,
                   f"{a.words}, and {b.words}") for a in of_gain for b in of_reset[:4]]
     return [of_reset[0], *of_gain, *of_reset[1:], *both]

@@ -17,6 +17,7 @@ from .haegglund import SUPERVISION
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
 HEALTHY = 0.92  # of the strange loops that were cleared
+DOUBLED = 2.0  # evidence for the same confidence where data are limited, and for a call from a completed OP and such PV
 LIMITED = "limits"
 COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
@@ -176,7 +177,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
     imitated = float(c.details.get("imitation", 0.0)) / max(float(c.details.get("gain", 0.0)), 1e-9)
     evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
-    sure = confidence(evidence, by_hand(c), imitated)
+    sure = confidence(evidence / (DOUBLED if limits else 1.0), by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
@@ -187,7 +188,9 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     size = Cluster(c.d, c.ci95, (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0, of.n if of else 0,
                    of.share if of else 0.0, c.limit_of_detection and min(c.limit_of_detection, c.d))
     if reading.clear:
-        if limits and not agree:
+        known = c.details["output"] == "completed" and evidence > DOUBLED * CALLED and all(
+            note.code == "interpolated" for note in limits)
+        if limits and not (agree or known):
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
     none = noted("play_does_not_fit", {"evidence": evidence}, origin=origin)

@@ -228,3 +228,18 @@ def test_a_compressed_pv_limits_a_test_in_manual_as_well():
 def test_records_all_in_manual_are_judged_by_their_test():
     nothing = Note("no_usable_data", "no usable sample", {"effect": "blocks"})
     assert decide(findings(quality=(nothing,), confirmation=None, manual=TESTED)).verdict is Verdict.BACKLASH
+
+
+@pytest.mark.parametrize(("output", "evidence", "code", "verdict"), [
+    ("completed", 14.0, "interpolated", Verdict.BACKLASH), ("completed", 12.0, "interpolated", Verdict.SUSPECTED),
+    ("recorded", 14.0, "interpolated", Verdict.SUSPECTED), ("completed", 14.0, "compressed_held", Verdict.SUSPECTED)])
+def test_pv_on_lines_is_no_obstacle_where_the_output_is_known_in_between(output, evidence, code, verdict) -> None:
+    """Twice the evidence is asked for, and tells the confidence that half of it would."""
+    found = replace(FOUND, details={**DETAILS, "output": output, "evidence": evidence})
+    limit = Note(code, "as it was stored", {"effect": "limits"})
+    decision = decide(findings(confirmation=found, quality=(limit,), cluster=None))
+    assert decision.verdict is verdict and code in codes(decision.reasons)
+    if verdict is Verdict.BACKLASH:
+        half = decide(findings(cluster=None, confirmation=replace(
+            found, details={**found.details, "evidence": 0.5 * evidence})))
+        assert decision.confidence == half.confidence
