@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 
 from tests.benchmarks import strange_plant, strangers
-from tests.benchmarks.strange_plant import KARNOPP, LUGRE, control_loop, gain_margin, reversals
+from tests.benchmarks.strange_plant import KARNOPP, LUGRE, control_loop, gain_margin, reversals, swinging_door
 
 PERCENT = np.linspace(0, 100, 1001)
 
@@ -127,3 +127,11 @@ def test_in_a_healthy_loop_output_through_lags_and_dead_time_is_the_measurement(
     expected = 50 + signal.lsim(plant, held, t, interp=False)[1]
     assert np.ptp(op) > 1
     assert np.max(abs(pv - expected)) < 0.02 * np.ptp(pv)
+
+
+def test_lines_through_what_a_swinging_door_keeps_miss_no_sample_by_more_than_its_size():
+    rng = np.random.default_rng(5)
+    for values in (np.cumsum(rng.normal(size=2000)), rng.normal(size=500), np.repeat([0.0, 1.0, 0.5], 100)):
+        kept = np.flatnonzero(swinging_door(values, 0.7))
+        off = np.abs(np.interp(np.arange(len(values)), kept, values[kept]) - values)
+        assert off.max() <= 0.7 + 1e-9 and len(kept) < len(values)

@@ -16,7 +16,7 @@ BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  #
 NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~! \n])+)([^.,\-_/:\\|#$~! \n]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
-_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?:\.(?![A-Z]+@)\w+)?@\w+$")  # .U1@N0
+_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?:\.(?!(?i:SP|PV|OP|MV|OUT)@)\w+)?@\w+$")
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]

@@ -633,7 +633,7 @@ def test_a_file_of_each_signal_may_have_a_column_per_loop(tmp_path):
     equals_the_recording(plant["FIC101"])
 
 
-@pytest.mark.parametrize("form", ["101 <{}.{}> (VDC)", "{}-{}.UNIT1@NET0", "{}.{}@SRV1", "{}!{}"])
+@pytest.mark.parametrize("form", ["101 <{}.{}> (VDC)", "{}-{}.UNIT1@NET0", "{}.{}@SRV1", "{}.{}.UNIT@NET", "{}!{}"])
 def test_names_of_loggers_and_points_of_networks(tmp_path, form):
     equals_the_recording(read(save(tmp_path, wide(name=lambda n: form.format(*n.split(".")))))["FIC101"])
 
