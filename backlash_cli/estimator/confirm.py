@@ -115,10 +115,8 @@ def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmatio
 def study(record: Record, settings: LoopSettings) -> Study | Note:
     """Ask of a record all that its confirmation is made of, or say why it cannot be asked."""
     usable = record.usable & np.isfinite(record.measurement)
-    output, Ti, origin = record.output, settings.Ti or 0.0, "recorded"
-    if settings.K and Ti:
-        output, origin = output_made(record, settings, usable)
-    elif output is None:
+    (output, origin), Ti = output_made(record, settings), settings.Ti or 0.0
+    if output is None:
         return noted("no_output:test")
     usable &= np.isfinite(output)
     if not usable.any():

@@ -6,23 +6,25 @@ from numpy.typing import NDArray
 from ..half_periods import double_lag
 from ..record import FloatArray, LoopSettings, Record
 
-RARE = 2.0  # eighths of Ti from one record of OP to the next, on average; held in between it comes late from there on
+RARE = 0.25  # of Ti from one record of OP to the next, on average; held in between it comes late from there on
 LED, FEWEST_RECORDS = 0.3, 5  # of what OP changes from record to record the law may miss so much; told by so many
 
 
-def output_made(record: Record, settings: LoopSettings, usable: NDArray[np.bool_]) -> tuple[FloatArray, str]:
-    """Return OP (samples,) as the controller made it, and whence it comes; K and Ti must be known.
+def output_made(record: Record, settings: LoopSettings) -> tuple[FloatArray | None, str]:
+    """Return OP (samples,) as the controller made it, None where it is not to be had, and whence it comes.
 
     recorded: as it stands there. completed: from record to record on the course of the law, what that misses spread
     evenly, where a historian kept few values and the law, with the weight of the setpoint that fits best, leads from
-    one to the next. rebuilt: none was recorded.
+    one to the next. rebuilt: none was recorded. Without K and Ti there is only what was recorded.
     """
-    known = usable & np.isfinite(record.setpoint)
-    if (output := record.output) is None:
+    output, known = record.output, record.usable & np.isfinite(record.measurement) & np.isfinite(record.setpoint)
+    if not (settings.K and settings.Ti):
+        return output, "recorded"
+    if output is None:
         return rebuilt_output(record, settings, known), "rebuilt"
     at = np.flatnonzero(known & np.isfinite(output))
     own = at[np.diff(output[at], prepend=np.nan) != 0.0]
-    if FEWEST_RECORDS <= len(own) <= len(at) / (RARE * max((settings.Ti or 0.0) / 8.0 / record.interval, 1.0)):
+    if FEWEST_RECORDS <= len(own) <= len(at) / max(RARE * settings.Ti / record.interval, 2.0):
         law = rebuilt_output(record, settings, known)
         missed, moves = output[own] - law[own], np.diff(record.setpoint[own])
         weight = np.diff(missed) @ moves / max(moves @ moves, 1e-300)  # of the setpoint in the proportional part

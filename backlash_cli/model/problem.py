@@ -100,10 +100,9 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
         out[index] = values
         return out
 
-    state, outputs, origin = on_grid(record.state), record.output, "recorded"
-    if record.settings.K and record.settings.Ti:
-        outputs, origin = output_made(record, record.settings, record.usable & np.isfinite(record.measurement))
-    measurement, output, setpoint = map(on_grid, (record.measurement, outputs, record.setpoint))
+    state, (made, origin) = on_grid(record.state), output_made(record, record.settings)
+    assert made is not None  # some of it was recorded
+    measurement, output, setpoint = map(on_grid, (record.measurement, made, record.setpoint))
     # PV is predicted from OP whoever moves OP: manual periods and OP at a limit tell as much as automatic ones
     whole = np.isin(state, (SampleState.GOOD, SampleState.MANUAL, SampleState.SATURATED))
     used = whole & np.isfinite(measurement) & np.isfinite(output)

@@ -87,6 +87,11 @@ class Loop:
     interval_s: float
     truth: Mapping[str, Any]
 
+    @property
+    def page(self) -> str:
+        """Its table of a loops file."""
+        return f"[loops.{self.name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in self.settings.items())
+
 
 def _pick(rng: Random, chances: Mapping[Any, float]) -> Any:
     """One of the keys, with chances as given."""
@@ -423,9 +428,7 @@ def write(folder: str | Path, seeds: Iterable[int], per_file: int = 18, kind: st
             table |= {f"{one.name}.MODE": one.mode} if one.mode is not None else {}
             truths.append({"name": one.name, "file": f"{name}.csv.gz", **one.truth})
         pd.DataFrame(table).to_csv(folder / f"{name}.csv.gz", index=False)
-        text = [f"[loops.{one.name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in one.settings.items())
-                for one in loops if one.settings]
-        (folder / f"{name}.loops.toml").write_text("\n".join(text))
+        (folder / f"{name}.loops.toml").write_text("\n".join(one.page for one in loops if one.settings))
 
     for one in (loop(seed, kind) for seed in seeds):
         key = (one.interval_s, one.truth["dur_h"], one.truth["jitter"] == "declared")
@@ -458,8 +461,7 @@ def write_compressed(folder: str | Path, seeds: Iterable[int]) -> pd.DataFrame:
         pd.concat([pd.DataFrame({"tag": f"{one.name}.{key}", "timestamp": stamps[at],
                                  "value": np.round(getattr(one, key.lower())[at], 5)}) for key, at in kept.items()]
                   ).sort_values("timestamp", kind="stable").to_csv(folder / f"{name}.csv.gz", index=False)
-        (folder / f"{name}.loops.toml").write_text(
-            f"[loops.{one.name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in one.settings.items()))
+        (folder / f"{name}.loops.toml").write_text(one.page)
         truths.append({"name": one.name, "file": f"{name}.csv.gz", **one.truth,
                        **{f"{key}_kept": kept[key].mean() for key in ("PV", "OP")}})
     table = pd.DataFrame(truths)
