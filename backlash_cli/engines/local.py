@@ -37,16 +37,16 @@ Found = LoopReport | Note
 
 PER_TASK = 16  # loops that a process takes at once; they share their time stamps on the way
 # CPU time on a machine of 2026, in seconds; a process that takes longer to start than it works is not worth it
-START = 0.8  # of a process
-PER_SAMPLE, PER_SAMPLE_CONFIRMED, PER_LOOP = 40e-9, 2e-6, 0.5e-3  # of a scan
+START = 1.2  # of a process
+COST = {False: (4e-3, 80e-9), True: (20e-3, 1e-6)}  # of a scan, without and with confirmation: per loop, per sample
 
 
 def processes(loops: Sequence[Loop], wanted: int | None = None, *, confirm: bool = True) -> int:
     """Number of processes for `loops`: as wanted, else one for little work and at most one per core for much."""
     if wanted is not None:
         return max(1, min(wanted, len(loops)))
-    samples = sum(loop.rows if isinstance(loop, Recipe) else len(loop) for loop in loops)
-    work = samples * (PER_SAMPLE_CONFIRMED if confirm else PER_SAMPLE) + len(loops) * PER_LOOP
+    per_loop, per_sample = COST[confirm]
+    work = sum(per_loop + per_sample * (loop.rows if isinstance(loop, Recipe) else len(loop)) for loop in loops)
     return max(1, min(cores(), len(loops), int(work / START)))
 
 

@@ -38,9 +38,10 @@ def test_number_of_processes_follows_the_work():
 
 def test_a_process_is_started_where_it_works_longer_than_it_starts(monkeypatch):
     monkeypatch.setattr(local, "cores", lambda: 64)
-    days = [range(86_400)] * 200  # only their length is asked for
-    assert processes(days) > 2 * processes(days, confirm=False) > 1
+    days, hours = [range(86_400)] * 400, [range(3600)] * 2000  # only their length is asked for
+    assert processes(days) > 2 * processes(days, confirm=False) > 2
     assert processes(days[:40], confirm=False) == 1
+    assert processes(hours) > 2 * processes(hours, confirm=False) > 2  # a loop costs something, however short
 
 
 def left(others):
