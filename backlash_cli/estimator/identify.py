@@ -19,10 +19,9 @@ from scipy.special import stdtrit
 from ..record import FloatArray, Frozen, LoopSettings, Note, Record, SampleState
 from ..words import noted
 from .control_law import DERIVATIVE, INTEGRAL, PROPORTIONAL, SETPOINT, LawFit, LawForm, LawRows, fit_law, search_filter
-from .survey import LEVELS, ROWS, SLOWER, rows, with_all_signals
+from .survey import LEVELS, MOSTLY_OWN, ROWS, SLOWER, rows, with_all_signals
 
 LEAST_ROWS = 60
-MOSTLY_OWN = 0.2  # share of interpolated samples that leaves the P part visible
 WINDOW = 10.0  # Ti per window: long enough for K/Ti, short enough for drift that is not the controller's
 FIRST_WINDOW, MIN_WINDOW = 200, 20  # rows: before Ti is known, and at least
 LONGEST_FILTER = 0.3  # Tf / Ti: the tool's own default is 0.1, Td/5 is below

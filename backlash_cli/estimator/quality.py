@@ -11,7 +11,7 @@ import numpy as np
 from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration, quantile
 from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
-from .survey import Survey, measured
+from .survey import MOSTLY_OWN, Survey, measured
 
 FEWEST_PER_TI = 2.0  # below, half periods are invisible (h > Ti/2)
 FEWEST_STORED = 1.0  # stored values per Ti, the same for a compressed signal, on average
@@ -19,7 +19,6 @@ FEW_PER_TI = 5.0  # below, simulated loops without dead band are called three to
 LITTLE_MOTION = 0.03  # an OP range that leaves dead bands above 2 % unseen deserves a word
 NOTABLE = 0.01  # shares below one per cent are not worth a line
 HALF = 0.5
-MOSTLY_OWN = 0.2  # the same share as for compression seen in the values themselves
 MANY = 8  # block means per Ti on which reversals of the output are counted
 LATTICE = 0.02  # share of a step that a difference may be off, growing with the square root of the number of steps,
 LARGEST = 0.2  # up to this

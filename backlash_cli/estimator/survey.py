@@ -19,6 +19,7 @@ SLOTS = 16  # stretches of a picture at most
 LEVELS = 5
 SLOWER = 4  # rows of one picture in a row of the next
 STATES = len(SampleState)
+MOSTLY_OWN = 0.2  # share of samples filled in between others that leaves the P part and the noise visible
 
 
 class Survey:

@@ -18,7 +18,7 @@ from ..effects.process import delayed_lag, lag_transposed
 from ..record import FloatArray, Frozen
 from .fit import Fit, Solver, descend, finished, fit, free_numbers, get, linear_values, put, refit_noise
 from .pipeline import Part, Shape, as_tuple, moved_output, predict
-from .problem import Problem, trust
+from .problem import LAGS_PER_STRETCH, MOST_STRETCHES, Problem, trust
 
 LAG_SHARES = (0.6, 1.0)
 LOOSE = 0.05  # of a random load that hides little, times the noise
@@ -32,8 +32,7 @@ ANSWERED = 10.0  # a controller has made up for a load after about this many tim
 HOPEFUL = 0.5  # share of the gain of the best effect that the look-alike of a jumpy one must reach
 LEAST_NEW = 0.05  # a column of which less than this share is new to the model cannot carry an effect of its own
 MOST_APART = 0.02  # load steps may follow each other after this share of the record, however slow the process
-LAGS_PER_STRETCH = 6.0  # a load behind the process forgets within about three lags: six hold one independent error
-LEAST_STRETCHES, MOST_STRETCHES = 30.0, 150.0  # in a slow loop, too, a model that does not predict cannot win
+LEAST_STRETCHES = 30.0  # in a slow loop, too, a model that does not predict cannot win
 # gain in score that an effect must bring, price paid: about what one more value costs twice. Loops with nothing hidden
 # gain up to 10 by chance; `python -m tests.benchmarks.explain_benchmark --kind none` counts those that gain more
 ENOUGH = 20.0

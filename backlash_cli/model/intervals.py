@@ -14,7 +14,7 @@ from ..results.explain import Interval
 from .fit import DELAY_TRUST, Fit, Solver, fit, free_numbers, linear_values, slopes
 from .locate import turning_points
 from .pipeline import Part, as_tuple
-from .problem import Problem
+from .problem import LAGS_PER_STRETCH, MOST_STRETCHES, Problem
 
 NORMAL_95 = 1.96
 MODEL_ERROR = 0.015  # the process is never exactly lag and dead time, however little noise there is
@@ -22,7 +22,6 @@ HALVINGS = 1.5  # a controller up to three times as fast as the historian (tests
 # a second lag, as a share of the first, from which its fit starts; gain in deviance that shows it (chi-squared of one)
 MORE_LAG, SHOWS = 0.15, 3.84
 Place = tuple[int, str, int]
-LAGS_PER_STRETCH, MOST_STRETCHES = 6.0, 150  # errors so far apart are independent, of so many stretches at most
 
 
 def half_widths(problem: Problem, fitted: Fit) -> dict[Place, float]:

@@ -30,6 +30,8 @@ MOSTLY = 0.5  # share from which the error of a prediction from OP alone is the 
 AHEAD = 0.5  # a load-driven loop is predicted this share of Ti ahead: well before OP can answer to what came meanwhile
 VISIBLE, PART = 2.0, 50.0  # without Ti: until PV has moved by so many times its noise, a part of the record at most
 FEWEST_MOVES = 50  # fewer moves than this tell nothing about a step
+# a load behind the process forgets within about three lags: six hold one independent error, so many count at most
+LAGS_PER_STRETCH, MOST_STRETCHES = 6.0, 150
 JUMP = 1.5  # moves of this many steps at once are jumps of OP, no crossings
 
 
