@@ -108,7 +108,8 @@ def names(text: str) -> tuple[str, ...]:
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
 WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history")  # options that name a result
-TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int}
+TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
+         "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
 
 
 def function_of(name: str) -> Callable[..., int | None]:

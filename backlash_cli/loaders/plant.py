@@ -176,11 +176,11 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
               loops: str | PathLike[str] | Metadata | None) -> tuple[Metadata, list[Note]]:
     if isinstance(loops, Metadata):
         return loops, []
-    paths = [loops] if loops is not None else find_sidecars(given, sources)
-    metadata = merge([read_metadata(path) for path in paths])
+    metadata = merge([*map(read_metadata, find_sidecars(given, sources) if loops is None else [loops])])
     notes = [Note("metadata_conflict", text) for text in metadata.conflicts]
     if not metadata.loops:
-        notes.append(noted("no_metadata:empty" if metadata.files else "no_metadata", file="".join(metadata.files[:1])))
+        code = "no_metadata:empty" if metadata.files else "no_metadata"
+        notes.append(noted("no_metadata:defaults" if metadata.defaults else code, file="".join(metadata.files[:1])))
     return metadata, notes
 
 
@@ -202,7 +202,7 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     values, notes = metadata.of(name), tuple[Note, ...]()
     origin = next(iter(series.roles.values()))[0].loop
     if values is None and metadata.files:
-        notes = (noted("not_in_metadata", loop=name[:60]),)
+        notes = (noted("not_in_metadata:defaults" if metadata.defaults else "not_in_metadata", loop=name[:60]),)
     elif values is not None and origin not in ("", name) and metadata.match(origin) is None:
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     if {True, False} <= {zone for items in series.roles.values() for item in items for zone in item.axis.zones}:

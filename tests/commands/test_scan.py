@@ -35,6 +35,13 @@ def test_json_is_one_document_on_standard_output(capfd, plant):
     assert found["inputs"] == [str(plant)]
 
 
+def test_a_dash_is_standard_output(capfd, plant, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for words in (["scan", plant, "--format", "json"], ["check", plant]):
+        assert run(capfd, *words, "--output", "-").out == run(capfd, *words).out
+    assert not list(tmp_path.glob("-*"))
+
+
 def test_the_same_result_in_every_form(capfd, plant, tmp_path):
     sizes = {}
     for form in ("json", "csv", "parquet"):

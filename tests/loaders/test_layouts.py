@@ -234,6 +234,7 @@ EXPORTS = {
     "long_loop_signal": Export({"plant.csv": long(lambda n, t, v: f"{','.join(n.split('.'))},{iso(t)},{v}", "loop,signal,time,value")}),
     "influx": Export({"plant.csv": influx()}),
     "pairs": Export({"plant.csv": pairs(",".join(f"{t} Time,{t}" for t in SIGNALS))}, **NEAR),
+    "pairs_axes": Export({"plant.csv": pairs(",".join(f"{t} ValueX,{t} ValueY" for t in SIGNALS))}, **NEAR),
     "pairs_same_name": Export({"plant.csv": pairs(",".join(f"Time,{t}" for t in SIGNALS))}, **NEAR),
     "pairs_two_lines": Export({"plant.csv": pairs(",".join(f"{t}," for t in SIGNALS) + "\n" + ",".join("Timestamp,Value" for _ in SIGNALS))}, **NEAR),
     "pairs_blank": Export({"plant.csv": pairs(",".join(f"{t} Time,{t}," for t in SIGNALS), blank=True)}, **NEAR),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from backlash_cli import read
 from backlash_cli.errors import MetadataError
 from backlash_cli.loaders.sources import read_metadata
 from backlash_cli.settings.schema import merge, parse_table, parse_toml, settings_of
@@ -126,3 +127,16 @@ def test_first_file_counts_and_conflicts_are_named():
     assert merged.loops["A"].values["K"] == 1
     assert merged.loops["B"].values["K"] == 3
     assert len(merged.conflicts) == 1
+
+
+def test_a_loop_that_only_defaults_hold_for_is_not_said_to_have_no_settings(tmp_path):
+    (tmp_path / "x.csv").write_text("time,A.SP,A.PV,A.OP\n" + "".join(
+        f"2026-03-17T00:00:{i:02},50,{50 + i % 3},{40 + i % 5}\n" for i in range(60)), "utf-8")
+    for text, said in (("[defaults]\nKp = 2\n", "its [defaults] hold for all"),
+                       ("[defaults]\nKp = 2\n[loops.B]\nTi = 9\n", "A is not in the loops file: only its [defaults]"),
+                       ("[loops.B]\nTi = 9\n", "loop A is not in the loops file: its settings are missing")):
+        (tmp_path / "loops.toml").write_text(text, "utf-8")
+        plant = read(tmp_path / "x.csv")
+        assert said in " ".join(note.message for note in (*plant.warnings, *plant["A"].notes))
+        given = plant["A"].settings.Kp
+        assert given == (2.0 if "defaults" in text else None)
