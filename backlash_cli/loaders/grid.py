@@ -18,6 +18,7 @@ from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min
 SECOND, HOUR, DAY = 1_000_000, 3_600_000_000, 86_400_000_000  # microseconds
+LIKELY = range(600_000_000 * SECOND, 2_020_000_000 * SECOND)  # 1989 to 2034: dates of plant data, numbers since 1970
 OUTLIER_SHARE, FAR = 0.01, 10.0  # of the stamps may lie far from others: that times what 90 % span, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 FINEST = 1000  # microseconds: no controller is that fast
@@ -214,14 +215,15 @@ class Grid(Frozen, eq=False):
                            "near": len(near), "sum": near.sum(), "squares": near @ near,
                            "recorded": np.sum(points), "points": np.size(points)}.items():
             tally[name] += float(more)
-        found, every = [], self.interval
+        odd = self.start // DAY != 0 and self.start not in LIKELY  # 1970-01-01: without a date
+        found = [noted("unlikely_dates", begin=utc_text(self.start))] if odd else []
         if self.kind == "jitter":
             variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
             spread = round(max(variance, 0.0) ** 0.5, 9)
-            found.append(noted("resampled", {"interval_s": every, "jitter": spread}, percent=100 * spread))
+            found.append(noted("resampled", {"interval_s": self.interval, "jitter": spread}, percent=100 * spread))
         elif self.kind == "compressed":
             share = tally["recorded"] / max(tally["points"], 1.0)
-            values = {"interval_s": every, "recorded_share": share, "median_spacing_s": self.usual / SECOND}
+            values = {"interval_s": self.interval, "recorded_share": share, "median_spacing_s": self.usual / SECOND}
             found.append(noted("compressed", values, percent=100 * share, bridged=self.gap / SECOND))
         if gaps := tally["gaps"]:
             longest = tally["longest"] / SECOND
@@ -299,8 +301,7 @@ def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) 
     """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, else nan."""
     if len(known) < 2:
         return np.full(len(times), np.nan)
-    zero = known[0]
-    out = np.interp((times - zero).astype(float), (known - zero).astype(float), heights, left=np.nan, right=np.nan)
+    out = np.interp((times - known[0]).astype(float), (known - known[0]).astype(float), heights, np.nan, np.nan)
     after = np.searchsorted(known, times).clip(1, len(known) - 1)
     wide = known[after] - known[after - 1] > limit
     out[wide & (known[after] != times) & (known[after - 1] != times)] = np.nan

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
-from .grid import DAY, HOUR, NAT, SECOND
+from .grid import DAY, HOUR, LIKELY, NAT, SECOND
 from .names import WORDS, explained, noted, plain
 from .options import ReadOptions
 
@@ -33,7 +33,6 @@ LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
 DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
-_SINCE = 6e8 * SECOND, 2.02e9 * SECOND  # 1989 to 2034: what numbers that are said to count since 1970 may be
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
@@ -358,7 +357,7 @@ class StampReader:
             if self._unit not in _UNITS and self._unit != "digits":
                 raise InputError(**explained("number_stamps", column=self.name, unit=self._unit), where=self.where)
             if self._unit.startswith("epoch") and not self.form and (
-                    not _SINCE[0] <= float(np.median(known)) * _UNITS[self._unit][0] < _SINCE[1]
+                    int(np.median(known) * _UNITS[self._unit][0]) not in LIKELY
                     or (np.all(known % 100 < 60) and np.any(np.diff(known) == 41))):  # 0859 is followed by 0900
                 shown = f"{known[0]:.0f}"
                 raise InputError(**explained("digit_stamps", column=self.name, stamp=shown), where=self.where)

@@ -171,3 +171,11 @@ def test_of_rows_with_one_stamp_the_first_that_holds_a_value_is_kept():
     stamps = np.array([0, 1, 1, 1, 2, 2, 3, 4], np.int64) * SECOND
     found = ordered(stamps, np.array([5.0, np.nan, np.nan, 7.0, 8.0, 8.001, 9.0, 3.0]))
     assert found.rows.tolist() == [0, 3, 4, 6, 7] and found.stamps.tolist() == [k * SECOND for k in range(5)]
+
+
+def test_dates_that_no_recorder_has_are_told():
+    for begin, told in (("1601-01-01T08", True), ("9999-12-30T08", True), ("1970-06-01T00", True),
+                        ("1970-01-01T00", False), ("2026-03-17T08", False)):
+        micros = np.datetime64(begin, "us").astype(np.int64) + np.arange(50) * SECOND
+        assert ("unlikely_dates" in codes(make_grid(ordered(micros, np.arange(50.0))))) is told
+    assert make_grid(ordered(np.arange(-50, 0) * 10**16, np.arange(50.0))).notes
