@@ -239,9 +239,9 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
     return found if len(found) > 1 else [(stem_of(name), found[0][1])]
 
 
-def tables_below(opened: Callable[[], Text]) -> list[Callable[[], Any]]:
+def tables_below(opened: Callable[[], Text], notes: list[Note]) -> list[Callable[[], Any]]:
     """Return what opens the tables that stand one below the other in a text, each from the lines above its rows on; []
-    where the first has all of these lines, as pages of one table have. Raises InputError."""
+    where the first has all of these lines, as pages of one table have. notes: gets the text's. Raises InputError."""
     at, rows, lines = 0, False, list[bytes]()
     above, text = {0: lines}, opened()  # where tables may begin -> their lines above
     for line in chain.from_iterable(block.splitlines(True) for block in chain([text.head], text.rest)):
@@ -256,8 +256,8 @@ def tables_below(opened: Callable[[], Text]) -> list[Callable[[], Any]]:
     named = [at for at, own in above.items() if any(score_names(re.split(r"[,;\t|]", x.decode())) > 1.0 for x in own)]
     if {*chain(*(above[at] for at in named))} <= {*above[0]}:
         return []
-    text = opened()
-    whole = b"".join([text.head, *text.rest])
+    whole = b"".join([(text := opened()).head, *text.rest])
+    notes += text.notes
     return [partial(io.BytesIO, codecs.BOM_UTF8 + whole[a:b]) for a, b in pairwise(sorted({0, *named, len(whole)}))]
 
 

@@ -225,7 +225,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         except InputError as error:
             problem = error
         if text and (table is None or table.named_again) and (
-                below := tables_below(partial(Text, path, options, opened=opened))):
+                below := tables_below(partial(Text, path, options, opened=opened), notes)):
             parts += [(name, one) for one in below]
         elif problem:
             problems.append(problem)

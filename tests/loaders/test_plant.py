@@ -378,6 +378,16 @@ def test_truncated_gzip_gives_what_is_whole(tmp_path):
     assert "truncated" in codes(plant.warnings) and 100 < len(plant["FIC101"]) < 600
 
 
+def test_what_is_wrong_with_a_text_is_told_of_the_tables_in_it_too(tmp_path):
+    rng = np.random.default_rng(0)
+    text = "\n\n".join(f"Loop: {loop}\nTime,SP,PV,OP\n" + "".join(
+        f"{iso(t)},50,{50 + rng.random():.9f},{40 + rng.random():.9f}\n" for t in STAMPS) for loop in ("FIC101", "Süd"))
+    cut = read(save(tmp_path, gzip.compress(text.encode())[:-5000], "cut.csv.gz"))
+    assert "truncated" in codes(cut.warnings) and [record.loop for record in cut] == ["FIC101", "Süd"]
+    other = read(save(tmp_path, text.encode("cp1252"), "other.csv"))
+    assert codes(other.warnings).count("encoding") == 1 and "Süd" in other
+
+
 def test_columns_of_one_name(tmp_path):
     lines = [line.split(",") for line in wide().splitlines()]
     doubled = "\n".join(",".join([*c[:3], c[2] if i == 0 else "1.0", *c[3:]]) for i, c in enumerate(lines)) + "\n"
