@@ -119,7 +119,7 @@ class _Making:
         if end is not None:
             self.joiner.only = begin, end
             self.joiner.times.cache_clear()
-        pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv", loop.name))
+        pv = _where_recorded(self.joiner.signal(loop.roles["pv"], "pv"))
         self.order = pv.times.order(pv.values)
         if self.grid is None:
             grid = make_grid(self.order)
@@ -184,7 +184,7 @@ class _Making:
         """Setpoint or output, held between its records unless the user says linear; None when not recorded."""
         if role not in loop.roles:
             return None
-        signal = self.joiner.signal(loop.roles[role], role, loop.name)
+        signal = self.joiner.signal(loop.roles[role], role)
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
         if signal.times is not self.times:
             self.notes.append(noted(f"expanded:{self.recipe.options.interpolation or 'hold'}", role=role.upper()))
@@ -193,7 +193,7 @@ class _Making:
     def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""
         with contextlib.suppress(LoopError):
-            signal = self.joiner.signal([*{item.axis: item for item in reversed(items)}.values()], "", "")
+            signal = self.joiner.signal([*{item.axis: item for item in reversed(items)}.values()])
             if np.isfinite(signal.values).any():
                 return self._on_grid(signal, "dv", grid)
         return None

@@ -20,7 +20,8 @@ _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
-_WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+")
+_WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
+_TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
 _DATED = re.compile(r"(?:[ _.-]+(?:(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
                     r"|(?:0[1-9]|[12]\d|3[01])[-_.](?:0[1-9]|1[0-2])[-_.](?:19|20)\d\d)"
                     r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
@@ -62,7 +63,7 @@ def is_whole(text: str) -> bool:
 
 def signal_role(text: str) -> str:
     """Return "sp", "pv", "op", "mode" when the whole text is a usual name of that signal, else ""."""
-    return _LOOKUP.get(plain(text), "")
+    return _LOOKUP.get(plain(text)) or _LOOKUP.get(plain(_TYPED.sub("", text)), "")
 
 
 def is_column(text: str, *kinds: str) -> bool:
@@ -97,7 +98,7 @@ def split_tag(text: str) -> Tag:
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
         whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
-            p == pieces[0] or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
+            (p == pieces[0] and " " not in p) or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
         if len(whole) == 1:
             return whole.pop()
     name = _labelled(name) if "{" in name and len(name) <= NESTED_LIMIT else name

@@ -315,7 +315,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    above = [(name, cell.strip()) for row in before.values() for name, cell in (
+    above = [(name, cell.strip()) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell in (
         *pairwise(row), *(cell.partition(":")[::2] for cell in row))]
     loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home)  # "Loop: FIC101" above "PV"
     return Head(where, title if titled else stem, names, (), kinds, "" if titled else loop,
@@ -376,9 +376,10 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
         hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
-        # a period above the header has no values
-        filled = not times or any(cell.strip() for i, cell in enumerate(own) if i < len(kinds) and (
-            kinds[i] == "number" if "number" in kinds else i not in times and kinds[i] != "empty"))
+        # a period above the header has no values, one moment there is all but alone in its row
+        full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)
+        filled = not times or any(kind(cell) == "number" or (full and cell.strip()) for cell, k in zip(own, kinds)  # noqa: B905
+                                  if (k == "number" if "number" in kinds else k not in ("time", "clock", "empty")))
         begun = hits if times else hits[:1]  # where no column holds stamps the first one is the time
         return any(begun) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
             COMMENT.match(own[0]) and kind(own[0]) == "text")
@@ -419,7 +420,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
             joined = _joined(names, other, kinds)
-            if len(set(joined)) > len(set(names)):
+            if len(set(joined)) > len(set(names)) and "time" not in map(kind, other):  # no beginning, no end
                 return tuple(joined)
     for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
         if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
@@ -431,7 +432,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
     """Put tags in the place of a header's short names where lines before say so, as A;FIC101.SP;Feed setpoint does."""
     told = {cells[0].strip(" #"): tag for cells in before.values() if not is_whole(cells[0]) and (
-        tag := next((cell for cell in cells[1:] if is_whole(cell) and " " not in cell), ""))}
+        tag := min((cell for cell in cells[1:] if is_whole(cell)), key=lambda cell: " " in cell, default=""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
     return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
 

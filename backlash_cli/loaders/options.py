@@ -43,7 +43,7 @@ class ReadOptions(Frozen):
         for name, value, allowed in (("decimal", self.decimal, (".", ",")),
                                      ("time-format", self.time_format, TIME_WORDS),
                                      ("interpolation", self.interpolation, ("hold", "linear")),
-                                     ("layout", self.layout, ("wide", "single", "long", "pairs"))):
+                                     ("layout", self.layout, ("wide", "tall", "long", "pairs"))):
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
                 words = ("  " if name == "decimal" else ", ").join(allowed)
                 raise UsageError(f"{value!r} is not known here", where=f"--{name}", remedy=f"one of: {words}")

@@ -322,9 +322,9 @@ class Joiner:
         self._marks: dict[tuple[str, ...], dict[str, Any]] = {}  # what earlier chunks tell of a quality's numbers
         self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
 
-    def signal(self, series: list[Series], role: str, loop: str) -> Signal:
+    def signal(self, series: list[Series], role: str = "") -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
-        chosen, notes = _one_per_file(series, role, loop)
+        chosen, notes = _one_per_file(series, role)
         chosen = sorted(chosen, key=lambda item: item.axis.first()) if len(chosen) > 1 else chosen
         parts = [self._part(item) for item in chosen]
         faults: Faults = parts[0].faults
@@ -377,7 +377,7 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
     return notes
 
 
-def _one_per_file(series: list[Series], role: str, loop: str) -> tuple[list[Series], list[Note]]:
+def _one_per_file(series: list[Series], role: str) -> tuple[list[Series], list[Note]]:
     notes, groups, chosen = list[Note](), defaultdict[str, list[Series]](list), list[Series]()
     for item in series:
         groups[item.axis.where].append(item)

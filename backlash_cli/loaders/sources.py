@@ -114,11 +114,11 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
             with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
-                if path.name in beside if beside is not None else path.is_file():
+                if path not in data and (path.name in beside if beside is not None else path.is_file()):
                     return path
         return None
 
-    folders = [path for path in map(place, inputs) if path.is_dir()]
+    folders, data = [path for path in map(place, inputs) if path.is_dir()], {source.path for source in sources}
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
         folder, beside = source.path.parent, source.beside

@@ -51,8 +51,6 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
             break
         micros[rest[valid]], zoned[rest[valid]] = _stamps(fields.filter(pa.array(valid)))
         text, rest = text.filter(pa.array(~valid)), rest[~valid]
-        if not len(rest):
-            break
     return micros, zoned, of_day
 
 
@@ -74,7 +72,7 @@ def _is_open(micros: IntArray) -> NDArray[np.bool_]:
 
 
 def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
-    """Return (stamps as in Dates, has an offset) of the parts of dates and times of day."""
+    """Return (microseconds since 1970, NAT or open, has an offset) of the parts of dates and times of day."""
     hour, minute, second = (_looked_up(fields.field(name), lambda text: int(text or 0)) for name in ("h", "mi", "s"))
     half = _looked_up(fields.field("ap"), lambda text: "ap".find(text[:1].lower()) if text else -1)
     hour = np.where((half == 1) & (hour < 12), hour + 12, np.where((half == 0) & (hour == 12), 0, hour))

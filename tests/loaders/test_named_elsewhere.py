@@ -57,6 +57,11 @@ EXPORTS = {
     "sheets_of_days": Export({f"{loop}.xlsx": day_sheets(loop) for loop in RANGES}),
     "days_in_the_folder_of_a_loop": Export({f"plant/{loop}/{day}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("plant",)),
     "legend": Export({"plant.csv": "Trend export\n" + "".join(f"{short};{n};Feed valve of unit 7;%\n" for short, n in SHORT.items()) + "\n" + wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}", delimiter=";", value=comma, name={n: short for short, n in SHORT.items()}.get)}),
+    "legend_of_a_logger": Export({"plant.csv": "CH,Signal name,Input,Range,Filter,Span\n" + "".join(f'{short},"{n.replace(".", " ")}",DC,20V,Off,100\n' for short, n in SHORT.items()) + "Data\n" + wide(lambda t: f"1,{t:%Y/%m/%d %H:%M:%S},0", time_name="Number,Date&Time,ms", name={n: short for short, n in SHORT.items()}.get)}),
+    "types_before_signals": Export({"plant.csv": wide(name=lambda n: n.replace(".SP", ".fSetpoint").replace(".PV", ".rPV").replace(".OP", ".lrControlOutput"))}),
+    "begin_and_end_above_a_time_for_each_tag": Export({"plant.txt": "Starttime of export\t134182653000000000\t2026-03-17 23:55:00\nEndtime of export\t134182658990000000\t2026-03-18 00:04:59\n\n" + "\t".join(f"Name\t{n}" for n in [*SIGNALS][:3]) + "\n" + "".join("\t".join(f"{1000 * i}\t{cell(n, v[i])}" for n, v in [*SIGNALS.items()][:3]) + "\n" for i in range(ROWS))}, loops={"FIC101": "FIC101"}, options={"time_format": "millis"}),
+    "a_moment_above_numbered_rows": Export({"plant.txt": "Name:\tFeed trend\nAcquisition Date:\t3/17/2026 11:55:00 PM\n" + wide(lambda t: f"{t.timestamp():.0f}\t{t:%m/%d/%Y %I:%M:%S:000 %p}", delimiter="\t", time_name="Scan\tTime", name=lambda n: f"101 <{n.replace('.', ' ')}> (VDC)")}),
+    "log_of_a_system": Export({"plant.csv": long(lambda n, t, v: f'"$HS{n.replace(".SP", ",SETPOINT").replace(".PV", ",MEASURE").replace(".OP", ",OUTPUT")}-1-o",{t:%Y-%m-%d %H:%M:%S},{v},0', "LOG_NAME,TIMESTAMP,VALUE,STATUS", by_tag=True)}),
     "legend_behind_marks": Export({"plant.csv": "".join(f"# {short},{n}\n" for short, n in SHORT.items()) + wide(name={n: short for short, n in SHORT.items()}.get)}),
     "tag_above_its_rows": Export({"plant.csv": "Tag,Time,Value\n" + "".join(f"{'' if i else n},{iso(t)},{cell(n, v[i])}\n" for n, v in SIGNALS.items() for i, t in enumerate(STAMPS))}, notes=("named_above",)),
     "tag_above_its_table": Export({"plant.csv": below("Tag: {}\nTimestamp,Value\n")}),
@@ -231,3 +236,15 @@ def test_a_day_above_that_may_be_another_is_not_taken(tmp_path, above):
     assert all(f"{record.time[0]:.0f}" == str(86_100) for record in plant)
     assert "relative_time:of_day" in {note.code for record in plant for note in record.notes} | {
         note.code for note in plant.warnings} or any("1970" in n.message for record in plant for n in record.notes)
+
+
+def test_an_export_may_be_called_as_settings_are(tmp_path):
+    (tmp_path / "loops.csv").write_text(wide(), encoding="utf-8")
+    plant = read(tmp_path / "loops.csv")
+    assert [record.loop for record in plant] == [*RANGES] and "no_metadata" in {note.code for note in plant.warnings}
+
+
+def test_a_column_of_loops_without_a_cell_names_no_loop(tmp_path):
+    text = single("FIC101").replace("\n", "\n,")[:-1].replace("Time", "Loop,Time", 1)
+    (tmp_path / "FIC101.csv").write_text(text, encoding="utf-8")
+    assert [record.loop for record in read(tmp_path / "FIC101.csv")] == ["FIC101"]

@@ -348,7 +348,7 @@ def test_wrong_inputs(tmp_path):
     with pytest.raises(MetadataError, match="not found"):
         read(save(tmp_path, wide()), loops=tmp_path / "no.toml")
     for options in ({"interpolation": "cubic"}, {"delimiter": "ab"}, {"timezone": "Europe/Nowhere"},
-                    {"time_format": "hms"}, {"encoding": "utf-9"}, {"layout": "tall"}, {"header_row": 0}):  # fmt: skip
+                    {"time_format": "hms"}, {"encoding": "utf-9"}, {"layout": "rows"}, {"header_row": 0}):  # fmt: skip
         with pytest.raises(UsageError):
             ReadOptions(**options)
 
