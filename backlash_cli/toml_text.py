@@ -1,9 +1,11 @@
 """TOML that people write (settings, models, scenarios, limits, the nightly job): read in one way, wrong in one way."""
 
+import json
 import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from datetime import datetime
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeVar
@@ -100,3 +102,16 @@ def _keys(kind: Any) -> dict[str, bool]:
         table = isinstance(field.type, type) and issubclass(field.type, Page)
         known |= {field.encode_name: table, **(_keys(field.type) if table else {})}
     return {key: table for key, table in known.items() if key.isidentifier()}
+
+
+def toml_value(value: object) -> str:
+    """A value as TOML, whose strings are those of JSON but for one character."""
+    match value:
+        case str():
+            kept = value.encode("utf-8", "replace").decode()
+            return json.dumps(kept, ensure_ascii=False).replace("\x7f", "\\u007f")
+        case tuple():
+            return f"[{', '.join(map(toml_value, value))}]"
+        case datetime():
+            return value.isoformat().replace("+00:00", "Z")
+    return repr(float(f"{value:.8g}"))

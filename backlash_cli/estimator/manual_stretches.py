@@ -3,26 +3,25 @@
 import numpy as np
 
 from ..record import Record, SampleState
+from ..samples import AT_LIMIT
 from .confirm import GAP
 from .predictor import Recording, recording_of
 from .width_profile import NARROWEST
 
 LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
-LIMIT = 1e-3  # of the span: at its limits a valve does not follow OP
 MOST_TESTS = 12  # the last ones
 
 
 def manual_stretches(record: Record) -> list[Recording]:
     """Return the stretches in manual in which OP went there and back, in % of span, the last MOST_TESTS of them.
 
-    Each with what lies before it; there it is not `usable`.
-    """
+    Each with what lies before it; there it is not `usable`."""
     index, state, output = record.index, record.state, record.output
     if output is None or not (state == SampleState.MANUAL).any():
         return []
     from ..kernels import gap_crossings
 
-    by_hand = (state == SampleState.MANUAL) & (output > LIMIT) & (output < 1.0 - LIMIT)
+    by_hand = (state == SampleState.MANUAL) & (output > AT_LIMIT) & (output < 1.0 - AT_LIMIT)
     lost = (state == SampleState.MISSING) | (state == SampleState.IMPLAUSIBLE)
     rows = np.flatnonzero(by_hand)
     others = np.cumsum(~by_hand & ~lost)

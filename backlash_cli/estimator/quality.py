@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration, quantile
+from ..samples import runs
 from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import MOSTLY_OWN, Survey, measured
@@ -230,8 +231,7 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
         return 0.0, 1.0, 0.0
     kinks = np.count_nonzero(joined & (bends > 5.0 * tolerance))
     between = np.count_nonzero(joined & (bends > tolerance)) - kinks
-    edges = np.flatnonzero(np.diff(straight, prepend=False, append=False))
-    first, after = edges[::2], edges[1::2]
+    first, after = runs(straight)
     lengths, rises = after - first, np.abs(values[after + 1] - values[first])
     line = (lengths >= LEAST_RUN - 2) & (rises > max(4.0 * step, VISIBLE * span))
     if (np.count_nonzero(line) < LEAST_KINKS or kinks < LEAST_KINKS

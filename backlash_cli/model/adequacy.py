@@ -8,6 +8,7 @@ answer to OP can explain, and compared with the whitened rest. Noise alone gives
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.linalg import orth
 
 from ..effects.process import delayed_lag
 from ..kernels import play
@@ -29,8 +30,7 @@ class Left(Frozen):
     """What a model leaves.
 
     goes_with: what it goes with, most telling first. score: of the most telling, in units of deviance, 0 when it goes
-    with nothing. share: of the rest that this explains.
-    """
+    with nothing. share: of the rest that this explains."""
 
     goes_with: tuple[str, ...] = ()
     score: float = 0.0
@@ -73,8 +73,7 @@ def left_by(problem: Problem, fitted: Fit) -> Left:
 def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, list[FloatArray]]]:
     """Return columns of other linear answers to OP, and groups of columns that only something else can make.
 
-    All (samples,) in units of the process's motion; a group is named by what it goes with.
-    """
+    All (samples,) in units of the process's motion; a group is named by what it goes with."""
     h, tau, n, used = problem.interval, fitted.shape.lag, problem.samples, problem.used
     moved, delay = into_process(problem, fitted.shape)
     size = max(float(np.std(delayed_lag(moved, h, tau, delay)[used])), 1e-12)
@@ -106,6 +105,4 @@ def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, 
 def _basis(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of columns (samples, columns), what is hardly new among them left out."""
     scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    keep = values > 1e-8 * max(float(values[-1]), 1e-300)
-    return np.asarray(scaled @ (vectors[:, keep] / np.sqrt(values[keep])))
+    return np.asarray(orth(scaled, rcond=1e-4))

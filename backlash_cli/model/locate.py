@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ..kernels import play
 from ..record import FloatArray, duration
 from ..results import Region
+from ..samples import runs
 from ..words import said
 from .pipeline import Shape
 from .problem import Problem
@@ -40,7 +41,7 @@ def regions(problem: Problem, error: FloatArray, shape: Shape) -> tuple[Region, 
         told = said("region", name=name[0].upper() + name[1:], share=share, expected=expected, worse=worse)
         if abs(mean) >= ONE_WAY * rmse:
             told += said("region:side", mean=abs(mean), side="above" if mean > 0.0 else "below")
-        ends = np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2) - [0, 1]
+        ends = np.transpose(runs(mask)) - [0, 1]
         stretches = tuple((a, b) for a, b in (problem.start + h * ends).tolist())
         out.append(Region(name, rmse, share, inside.size, kind, expected, told, stretches))
     power = np.abs(np.fft.fft(error)) ** 2 / problem.samples

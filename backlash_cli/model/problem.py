@@ -21,6 +21,7 @@ from ..effects.recording import recorded_steps
 from ..errors import LoopError
 from ..estimator.rebuild import output_made
 from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold
+from ..samples import runs
 from ..words import explained
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
@@ -120,8 +121,7 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     recorded = np.where(used, measurement, np.nan)
     # PV does not count where it answers to a hole of OP, unless it does so most of the time
     memory, felt = (record.settings.Ti or record.interval * samples / 60.0) / record.interval, np.zeros(samples, bool)
-    edges = np.flatnonzero(np.diff(np.isfinite(output), prepend=True, append=True)).reshape(-1, 2)
-    holes = [(a, b) for a, b in edges.tolist() if b - a > max(SHORT * memory, 1)]
+    holes = [(a, b) for a, b in np.transpose(runs(~np.isfinite(output))).tolist() if b - a > max(SHORT * memory, 1)]
     for a, b in holes:
         felt[a : b + int(FORGOTTEN * memory)] = True
     heard = bool(np.count_nonzero(used & ~felt) > max(0.5 * count, FEWEST_SAMPLES))

@@ -1,6 +1,5 @@
 """A fitted shape as a model that can be kept in a file of TOML text, changed by hand and used again tomorrow."""
 
-import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +16,7 @@ from ..effects.registry import load_effect
 from ..errors import LoopError, MetadataError, nearest
 from ..record import FloatArray, Note, Record
 from ..results import Model, ModelEffect
-from ..toml_text import Page, checked, line_of, parsed
+from ..toml_text import Page, checked, line_of, parsed, toml_value
 from ..words import WORDS, explained, noted
 from .fit import Fit, linear_values
 from .pipeline import Part, Shape, as_tuple, in_order
@@ -111,30 +110,17 @@ def model_text(model: Model) -> str:
         "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds."]
     told = {key: getattr(model, key) for key in PLAIN}
     told |= {key: datetime.fromtimestamp(round(told[key], 3), UTC) for key in ("start", "end") if told[key] is not None}
-    out += [f"{key} = {_value(value)}{REMARKS.get(key, '')}" for key, value in told.items() if value is not None]
+    out += [f"{key} = {toml_value(value)}{REMARKS.get(key, '')}" for key, value in told.items() if value is not None]
     numbers = Baseline.__struct_fields__
-    out += ["", "[baseline]", *(f"{key} = {_value(getattr(model, key))}{REMARKS[key]}" for key in numbers)]
+    out += ["", "[baseline]", *(f"{key} = {toml_value(getattr(model, key))}{REMARKS[key]}" for key in numbers)]
     for entry in model.effects:
         effect = load_effect(entry.reference)
-        out += ["", f"# {_comment(effect.sentence)}", "[[effects]]", f"effect = {_value(entry.reference)}"]
-        out += [f"column = {_value(entry.column)}"] if entry.column else []
+        out += ["", f"# {_comment(effect.sentence)}", "[[effects]]", f"effect = {toml_value(entry.reference)}"]
+        out += [f"column = {toml_value(entry.column)}"] if entry.column else []
         # values that do nothing are left out
-        out += [f"{q.name} = {_value(value)}  # {_comment(q.meaning)} [{_comment(q.unit)}]" for q in effect.parameters
+        out += [f"{q.name} = {toml_value(value)}  # {_comment(f'{q.meaning} [{q.unit}]')}" for q in effect.parameters
                 if (value := entry.parameters.get(q.name)) not in (None, q.neutral, ())]
     return "\n".join(out) + "\n"
-
-
-def _value(value: object) -> str:
-    """A value as TOML, whose strings are those of JSON but for one character."""
-    match value:
-        case str():
-            kept = value.encode("utf-8", "replace").decode()
-            return json.dumps(kept, ensure_ascii=False).replace("\x7f", "\\u007f")
-        case tuple():
-            return f"[{', '.join(map(_value, value))}]"
-        case datetime():
-            return value.isoformat().replace("+00:00", "Z")
-    return repr(float(f"{value:.8g}"))
 
 
 def _comment(text: str) -> str:

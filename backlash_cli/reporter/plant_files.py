@@ -1,23 +1,23 @@
 """Writes records as a historian would export them: CSV or Parquet, with settings and truth beside them."""
 
 import contextlib
-import json
 import math
 import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pyarrow import compute, csv
 
 from ..errors import BacklashError, UsageError
 from ..record import Record, SampleState
+from ..toml_text import toml_value
 from ..words import explained
 from .files import replacing, write_text
-from .json_report import strict
 
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 SETTINGS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range")
@@ -36,8 +36,7 @@ def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", 
     """Write the records of a plant in engineering units, whole or not at all; the suffix of `path` is the format.
 
     layout: "wide" (one column per signal; all loops need the same times) or "long" (tag, time, value). finest: rounding
-    of the numbers in spans.
-    """
+    of the numbers in spans."""
     stem_of(path)
     table = (_long if layout == "long" else _wide)(records, finest)
     # Arrow puts no time stamp into gzip, so that the same plant gives the same bytes
@@ -46,12 +45,14 @@ def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", 
         if path.name.endswith(".parquet"):
             pq.write_table(table, sink, compression="zstd")
         else:
-            sink.write((",".join(table.column_names) + "\n").encode())
+            names = "".join(name for r in records for name in (r.loop, *r.disturbances))
+            style: Literal["needed", "none"] = "needed" if re.search('[,"\r\n]', names) else "none"
+            sink.write((",".join(table.column_names) + "\n").encode() if style == "none" else b"")
             place, times = table.schema.get_field_index("timestamp"), table["timestamp"]
             with contextlib.suppress(pa.ArrowInvalid):  # ISO 8601 with Z; milliseconds only where a time has them
                 times = times.cast(pa.timestamp("s", tz="UTC"))
             table = table.set_column(place, "timestamp", compute.strftime(times, "%Y-%m-%dT%H:%M:%SZ"))
-            csv.write_csv(table, sink, csv.WriteOptions(include_header=False, quoting_style="none"))
+            csv.write_csv(table, sink, csv.WriteOptions(include_header=style == "needed", quoting_style=style))
 
 
 def write_settings(path: Path, records: Iterable[Record]) -> None:
@@ -59,16 +60,16 @@ def write_settings(path: Path, records: Iterable[Record]) -> None:
     lines = ["# Settings of the loops: gains on signals normalised by the ranges, times in seconds."]
     for record in records:
         bare = re.fullmatch("[A-Za-z0-9_-]+", record.loop)
-        lines += ["", f"[loops.{record.loop if bare else json.dumps(record.loop, ensure_ascii=False)}]"]
-        lines += [f"{name} = {json.dumps(strict(value))}" for name in SETTINGS
+        lines += ["", f"[loops.{record.loop if bare else toml_value(record.loop)}]"]
+        lines += [f"{name} = {toml_value(value)}" for name in SETTINGS
                   if (value := getattr(record.settings, name)) is not None and not (name == "Td" and value == 0.0)]
     write_text(path, "\n".join(lines) + "\n")
 
 
 def write_truth(path: Path, rows: Iterable[Sequence[object]]) -> None:
     """Write what was planted, one row per loop and parameter: loop, effect, parameter, value, unit."""
-    write_text(path, "".join(",".join(map(str, row)) + "\n" for row in (
-        ("loop", "effect", "parameter", "value", "unit"), *rows)))
+    columns = ["loop", "effect", "parameter", "value", "unit"]
+    write_text(path, pd.DataFrame([*rows], columns=columns).to_csv(index=False, lineterminator="\n"))
 
 
 def _wide(records: Sequence[Record], finest: float) -> pa.Table:

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from backlash_cli.__main__ import cli
 from backlash_cli.effects import EFFECTS
 from backlash_cli.errors import BacklashError
+from backlash_cli.loaders import read
 
 
 @pytest.fixture
@@ -92,3 +93,12 @@ def test_effects_are_listed_each_in_a_sentence(run):
     assert all(f"{e.name} ({e.stage})" in text and e.sentence in " ".join(text.split()) for e in EFFECTS)
     verbose = run("--verbose", command="effects").output
     assert all(e.source in verbose for e in EFFECTS)
+
+
+@pytest.mark.parametrize("layout", ["wide", "long"])
+def test_a_loop_may_have_a_comma_in_its_name(run, tmp_path, layout):
+    (tmp_path / "mine.toml").write_text(run("example-2", "--show").output.replace("EXAMPLE2", '"A,B\\u007f"'))
+    run("mine.toml", "--out", "x.csv", "--layout", layout)
+    assert [record.loop for record in read("x.csv")] == ["A,B\x7f"]
+    assert set(pd.read_csv("x.truth.csv")["loop"]) == {"A,B\x7f"}
+    assert read("x.csv")["A,B\x7f"].settings.Ti == 2.2
