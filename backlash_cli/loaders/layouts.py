@@ -64,7 +64,7 @@ class Head(Frozen):
             steps = {i: np.diff(values) for i, values in begun.items() if np.isfinite(values).all() and len(values) > 1}
             found = [i for i, step in steps.items() if not self.tags[i].loop and (np.all(step > 0) or np.all(step < 0))
                      and unit_of(begun[i], "").startswith("epoch")][:1] or [
-                         i for i, step in steps.items() if i == 0 and np.all(step > 0)]
+                         i for i in steps if 0 in steps and self.names[i] == self.names[0] and min(steps[i]) > 0]
         return sorted({*found, *self.parts}) if "year" in self.parts.values() else found
 
     @cached_property
