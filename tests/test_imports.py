@@ -27,11 +27,11 @@ ALLOWED = {
     "selection": set(),
     "places": set(),
     "half_periods": set(),
-    "estimator": {"half_periods"},
+    "estimator": {"half_periods", "samples"},
     "scanning": {"estimator", "half_periods", "model"},
     "check": {"estimator"},
     "effects": set(),
-    "model": {"effects", "estimator"},
+    "model": {"effects", "estimator", "samples"},
     "simulator": {"effects", "estimator", "model", "scanning"},
     "settings": set(),
     "loaders": {"places", "samples", "selection", "settings"},
@@ -62,7 +62,7 @@ HOMES = {
     "distributed": {"engines"},
 }
 CORE = BASE | {
-    "half_periods", "estimator", "scanning", "effects", "model", "plan", "simulator",
+    "samples", "half_periods", "estimator", "scanning", "effects", "model", "plan", "simulator",
 }
 NOT_IN_CORE = {"print", "open", "input"}
 
