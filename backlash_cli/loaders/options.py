@@ -15,7 +15,7 @@ class ReadOptions(Frozen):
 
     time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.
     interpolation: "hold" or "linear" for every signal; None: measurement linear, the rest hold. delimiter, decimal,
-    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: "wide", "single", "long" or "pairs".
+    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: "wide", "tall", "long" or "pairs".
     columns: names of the columns of a file without a header line. header_row: number (from 1) of the line that names
     them. only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which
     one must fit. sample: "20" or "5%" of those left, drawn by sample_seed. since: a moment or an age (`parse_since`).
