@@ -18,6 +18,7 @@ from .errors import BacklashError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
 
 
 def duration(seconds: float, digits: int = 3) -> str:
@@ -157,6 +158,12 @@ def hold(values: FloatArray) -> FloatArray:
     good = np.isfinite(values)
     last = np.where(good, np.arange(len(values)), np.argmax(good))
     return values[np.maximum.accumulate(last, out=last)]  # in place: long records
+
+
+def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+    """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    return edges[0::2], edges[1::2]
 
 
 def quantile(values: FloatArray, share: float) -> float:

@@ -5,11 +5,10 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import FloatArray, IntArray, Note, SampleState, quantile
+from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile, runs
 from .words import WORDS, noted
 
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
-AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
 APART, MOSTLY = 1.0 / 3.0, 0.95  # spans between SP and PV that are no control error in this share of a record
 LIMIT_RUN = 3  # samples at the limit that make saturation
 FROZEN_RUN = 10  # equal samples below which nothing is called frozen
@@ -23,12 +22,6 @@ LARGEST = 1e29  # no plant measures more
 CONVERTED = 3.0  # times larger or smaller: another unit, no other state of the plant
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
-
-
-def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
-    """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
-    return edges[0::2], edges[1::2]
 
 
 def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ..record import Record, SampleState
-from ..samples import AT_LIMIT
+from ..record import AT_LIMIT, Record, SampleState
 from .confirm import GAP
 from .predictor import Recording, recording_of
 from .width_profile import NARROWEST

@@ -8,8 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration, quantile
-from ..samples import runs
+from ..record import FloatArray, Frozen, IntArray, Note, Record, SampleState, duration, quantile, runs
 from ..words import noted
 from .criteria import MOTION, OUTPUT_STEPS
 from .survey import MOSTLY_OWN, Survey, measured

@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels import play
-from ..record import FloatArray, duration
+from ..record import FloatArray, duration, runs
 from ..results import Region
-from ..samples import runs
 from ..words import said
 from .pipeline import Shape
 from .problem import Problem

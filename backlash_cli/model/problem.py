@@ -20,8 +20,7 @@ from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
 from ..estimator.rebuild import output_made
-from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold
-from ..samples import runs
+from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold, runs
 from ..words import explained
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
