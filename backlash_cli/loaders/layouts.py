@@ -28,7 +28,7 @@ class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
     cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
     first_line, offset: where data begin. end: of what was looked at. start: of times without a date [microseconds since
-    1970], or 0."""
+    1970], interval: between rows [microseconds], as lines above say, or 0."""
 
     where: str
     stem: str
@@ -42,6 +42,7 @@ class Head(Frozen):
     offset: int = 0
     end: int = 0
     start: int = 0
+    interval: int = 0
 
     @cached_property
     def plain(self) -> list[str]:

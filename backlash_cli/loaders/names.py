@@ -18,14 +18,17 @@ _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~! \n])+)([^.,\-_/:\\|#$~! \n]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
 _SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?:\.(?!(?i:SP|PV|OP|MV|OUT)@)\w+)?@\w+$")
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
-_UNIT = re.compile(r"\s*(?:\[[^\]]*\]|\([^)]*\))\s*$")
+_TAG = r"(?=[A-Z]*C)[A-Z]{2,5}[-_ ]?\d+[A-Z]?"  # of a controller (ISA 5.1): FIC101, TRC-2A
+TITLE = re.compile(rf"\W*(?:\w+\W+)?({_TAG})\W*")  # [FIC101], # Loop FIC101: a line above a table
+_UNIT = re.compile(rf"\s*(?:\[(?!{_TAG})[^\]]*\]|\((?!{_TAG})[^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
 _TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
 _DATED = re.compile(r"(?:[ _.-]+(?:(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
                     r"|(?:0[1-9]|[12]\d|3[01])[-_.](?:0[1-9]|1[0-2])[-_.](?:19|20)\d\d)"
-                    r"(?:[ _T.-]?\d\d[-_:]?\d\d(?:[-_:]?\d\d)?)?)+$")
-_GLUED = re.compile(r"(?<=\d)(?=(?:SP|SV|PV|OP|MV|CO|OUT|MODE|MD|[\u2e80-\u9fff\uac00-\ud7af]+)$)")  # FIC101PV
+                    r"(?:[ _T.-]?\d\d[-_:.h]?\d\d(?:[-_:.m]?\d\d)?)?)+$")
+_GLUED = re.compile(r"(?<=\d)(?=(?:SP|SV|PV|OP|MV|CO|OUT|MODE|MD|[\u2e80-\u9fff\uac00-\ud7af]+)$)"  # FIC101PV
+                    r"|(?<=^(?:SP|SV|PV|OP|MV))(?=\d{1,3}$)")  # PV1
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -89,12 +92,25 @@ def _labelled(name: str) -> str:
     return f"{loops[0]}.{tags[signals[0]].signal}" if loops else name
 
 
+def in_labels(text: str) -> str:
+    """Return FIC101 of loop=FIC101,site=A, as InfluxDB writes what a row belongs to; other texts as they are."""
+    if not re.fullmatch(r"\w+=[^,;=]*(?:,\w+=[^,;=]*)*", text):
+        return text
+    labels = {plain(key): value.strip() for key, value in _LABEL.findall(text)}
+    return next((labels[key] for kind in ("loop", "tag") for key in labels if key in COLUMNS[kind]),
+                text.rpartition("=")[2])
+
+
 @lru_cache(maxsize=65536)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
     name = _GLUED.sub(" ", _SERVER.sub("", text.strip()))
     name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
+    if len(pieces) == 2 and signal_role(pieces[0]) and re.fullmatch(_TAG, pieces[1]):  # SP (FIC101)
+        return split_tag(f"{pieces[1]}.{pieces[0]}")
+    if is_column(name, "tag", "value") and not signal_role(name):  # measure_name
+        return Tag("", "", name)
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
         whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
@@ -128,7 +144,9 @@ def split_tag(text: str) -> Tag:
                     {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
-                return Tag(name[:cut], role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
+                # FIC101 Feed flow, FIC101 Valve
+                loop = found[1] if (found := re.fullmatch(rf"({_TAG})\s[^\d.]*", name[:cut])) else name[:cut]
+                return Tag(loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
     first = signal_role(parts[0][1])
     if first and len(parts[0][1]) > 1 and not is_column(parts[-1][1], "time"):  # PV_FIC101
         return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])

@@ -25,9 +25,9 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
-from .names import COLUMNS, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, TITLE, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import ReadOptions
-from .sources import is_export, stem_of
+from .sources import day_of, is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
 
@@ -317,22 +317,37 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
     above = [(name, cell.strip()) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell in (
         *pairwise(row), *(cell.partition(":")[::2] for cell in row))]
-    loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home)  # "Loop: FIC101" above "PV"
+    # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"
+    loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home) or next((
+        found[1] for row in ([cell for name, cell in above if is_column(name, "tag")], *reversed(before.values()))
+        if (found := TITLE.fullmatch("".join(row)))), "")
     return Head(where, title if titled else stem, names, (), kinds, "" if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end, 0 if "time" in kinds else _start_of(above, kinds, options, where))
+                lines[first][1], end, 0 if "time" in kinds else _start_of(above, kinds, options, where),
+                _interval_of(above))
 
 
 def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:
-    """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; or 0."""
+    """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; the day
+    that the file is called after where a time of day is recorded; or 0."""
     told = [(plain(name) in COLUMNS["start"], cell) for name, cell in above if is_column(name, "time", "start")]
-    days, clocks = ({c for start, c in told if start and (kind(c) == own or (own == "time" and c.isdigit()))} or
-                    {c for _, c in told if kind(c) == own} for own in ("time", "clock"))
+    days, clocks = ([c for start, c in told if start and (kind(c) == own or (own == "time" and c.isdigit()))] or
+                    [c for _, c in told if kind(c) == own] for own in ("time", "clock"))
+    days = [*{*days}] or [day_of(Path(where).name)] * ("clock" in kinds)
     reader = StampReader(["date"], ReadOptions(timezone=None if "clock" in kinds else options.timezone), where)
     with contextlib.suppress(InputError):  # an open one
-        clock = clocks if len(clocks) == 1 and ":" not in "".join(days) else ()
+        clock = clocks[-1:] if ":" not in "".join(days) else ()
         stamps = reader.take([pa.array([" ".join([*days, *clock])])])
         return max(int(reader.finish()(stamps)[0]), 0) if len(days) == 1 else 0
+    return 0
+
+
+def _interval_of(above: list[tuple[str, str]]) -> int:
+    """The time [microseconds] between rows that lines above name, as Sample interval: 2 s, or SampleTime[ms]; or 0."""
+    for name, cell in above:
+        with contextlib.suppress(InputError):
+            if plain(name) in COLUMNS["interval"]:
+                return max(int(StampReader([name], ReadOptions(), "").take([pa.array([cell])])[0]), 0)
     return 0
 
 
@@ -398,6 +413,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
+    rows = [cells[1:] if len(cells) > width and kinds[0] == "time" and is_column(cells[0], "time") and is_column(
+        cells[1], "time", "clock") else cells for cells in rows]  # Date, Time above cells that hold both
     rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
     rows = [cells for cells in rows if _spans(cells, width)]
     notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers

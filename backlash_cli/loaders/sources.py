@@ -108,6 +108,12 @@ def stem_of(name: str) -> str:
     return found["stem"] if (found := _FILE.fullmatch(name)) else name
 
 
+def day_of(name: str) -> str:
+    """Return the day at the end of a file's name, "" where there is none: FIC101_20260302_2155.csv -> 20260302."""
+    day = stem_of(name)[len(undated(stem_of(name))) :].strip(" _.-").replace("_", "-") or stem_of(name)
+    return day[: 8 if day[:8].isdigit() else 10] * (stamp_kind(day) == "time")
+
+
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
     """Return the metadata files of the inputs: NAME.loops.toml beside them, else loops.toml, else the same in CSV."""
     @cache

@@ -67,6 +67,9 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
         bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
+    if len(words) == 1 and not extra and codes.min() >= 0 and not (_BAD.fullmatch(words[0].strip()) or _DOUBT.fullmatch(
+            words[0])):  # a word of all rows tells nothing
+        return np.ones(len(codes), bool), [noted("quality_words:one", word=words[0].strip()[:40])]
     if not any(good):  # only faults are marked: an empty cell is good
         return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]
     # a change-driven quality column leaves unchanged rows empty, the last word holds

@@ -24,7 +24,7 @@ from ..record import IntArray, Note
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
-from .names import explained, noted, signal_role, undated
+from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import ReadOptions
 from .signals import Axis, Piece, Room, Series, Store
@@ -37,7 +37,6 @@ FEW = 3  # steps back of the stamps of a file that may be a clock that was set b
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 _TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
-_LABEL = re.compile(r"^(?:\w+=[^,;=]*,)*\w+=(?=[\w-]+$)")  # loop=FIC101, site=A,loop=FIC101 of InfluxDB
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -150,14 +149,14 @@ class ParquetTable:
         if not self.count:
             raise InputError(**explained("no_rows", below=""), where=self.where)
         self._ends = [*accumulate(about.row_group(k).num_rows for k in range(about.num_row_groups))]
-        fields = [field for field in schema if not pa.types.is_nested(field.type)]
+        fields = [f for f in schema.empty_table().flatten().schema if not pa.types.is_nested(f.type)]  # FIC101.SP
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
             raise InputError(**explained("same_names"), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches(islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1), tell)
-        told = dict(zip(tell.names, begun.columns, strict=True))
+        begun = pa.Table.from_batches([*islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1)]).flatten()
+        told = dict(zip(begun.column_names, begun.columns, strict=True))
         first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
         words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
                  for c in first]
@@ -171,7 +170,8 @@ class ParquetTable:
         wanted = sorted({*columns, *stamps})
         for batch in open_parquet(self.path).iter_batches(min(BATCH_ROWS, 1 + BATCH_CELLS // len(wanted)),
                                                           columns=[self._names[i] for i in wanted], use_threads=False):
-            yield {i: pa.chunked_array([batch.column(self._names[i])]) for i in wanted}
+            table = pa.Table.from_batches([batch]).flatten()
+            yield {i: table.column(self._names[i]) for i in wanted}
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
         """Return the cells of rows first..last-1 of the column "v3"."""
@@ -188,7 +188,8 @@ class ParquetTable:
         groups = range(bisect_right(ends, first), bisect_right(ends, last - 1) + 1)
         begin = ends[groups[0] - 1] if groups and groups[0] else 0
         try:
-            column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).column(0)
+            column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).flatten(
+                ).column(0)
         except (pa.ArrowException, OSError) as error:
             raise _damaged(str(error), self.path) from None
         if len(column := column.slice(first - begin, last - first)) == last - first:
@@ -253,7 +254,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
-                           head.start) for pair in layout.stamps]
+                           head.start, head.interval) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
@@ -302,15 +303,18 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
 
 def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
     """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
-    header = ".".join(head.names[i].strip() for i in naming)
+    header = "\0".join(head.names[i].strip() for i in naming)
     keys = batch[naming[0]]
     codes, words = codes_and_words(
         keys.cast(pa.int64(), safe=False) if pa.types.is_floating(keys.type) else keys if len(naming) == 1 else
-        pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "."))
+        pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "\0"))
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
-        if (name := _LABEL.sub("", words[i].strip())) and name != header:
-            table[i] = tags.setdefault(name, len(tags))
+        if (name := in_labels(words[i].strip())) and name != header:
+            loop, apart, name = name.rpartition("\0")
+            tag = split_tag(name)  # pid_sp of a loop in a column of its own is its SP
+            name = tag.signal if apart and tag.role in SIGNALS and not re.search(r"\d", tag.loop) else name
+            table[i] = tags.setdefault(f"{loop}.{name}" if apart else name, len(tags))
     return table[codes]
 
 

@@ -57,11 +57,11 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
     text = re.sub(_NO_DATE, "", text)
-    if ":" in text and re.match(_OF_DAY, text):
-        return "clock"
     found = re.match(_DATED, text)
     for written, usual in () if found else _REWRITTEN:
         text = re.sub(written, usual, text)
+    if ":" in text and re.match(_OF_DAY, text):
+        return "clock"
     found = found or re.match(_DATED, text)
     known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
     return "time" if known or re.match(_COMPACT, text) else ""
@@ -144,16 +144,17 @@ def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
 
 class StampReader:
     """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day.
-    units: of each that holds a part of them, what part it is. start: of times without a date, or 0."""
+    units: of each that holds a part of them, what part it is. start, interval: as in Head."""
 
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",),
-                 start: int = 0) -> None:
+                 start: int = 0, interval: int = 0) -> None:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
         self.form, self.notes = options.time_format or "", list[Note]()
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
-        self._unit = ""  # of stamps that are numbers
+        self._unit, self._interval = "", interval  # of stamps that are numbers
+        self._factor = self._zero = 0.0  # microseconds of one, and the first, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
@@ -184,6 +185,9 @@ class StampReader:
             return self._texts(column)
         if is_number(kind) or pa.types.is_null(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
+        if pa.types.is_duration(kind):
+            self._unit, column = "seconds", column.cast(pa.duration("us")).cast(pa.int64())
+            return self._numbers(to_array(column.cast(pa.float64())) / SECOND)
         raise InputError(**explained("no_stamps", column=self.name, kind=kind), where=self.where)
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
@@ -362,14 +366,20 @@ class StampReader:
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
-                code = "day_above" if self._start else "relative_time"
-                self.notes.append(noted(code, column=self.name, unit=self._unit, start=self._from))
+                # rows are counted, or the interval is written in the unit of the times
+                step = float(np.median(np.diff(known[:1000]))) if len(known) > 1 and not self.form else 0.0
+                if step > 0 and (step == 1.0 or any(self._interval == step * factor for factor, *_ in _UNITS.values())):
+                    self._factor, self._zero = self._interval / step, known[0] * (step == 1.0)
+                code, unit = ("day_above" if self._start else "relative_time"), f"steps of {self._interval / 1e6:g} s"
+                self.notes.append(noted(code, column=self.name, unit=unit if self._factor else self._unit,
+                                        start=self._from))
         if self._unit == "digits":
             text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
             if np.median(known) < 1e6:  # 260317 may be open, as 26-03-17 is
                 text = pc.replace_substring_regex(pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3")
             return self._texts(text)
         factor, zero, absolute = _UNITS[self._unit]
+        factor, zero = (self._factor, self._zero) if self._factor else (factor, zero)
         self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor + self._start * (not absolute)

@@ -204,7 +204,7 @@ LOOPS = ("FIC101", "FIC102")
 
 @pytest.mark.parametrize(("head", "rows", "loops"), [
     ("timestamp,__name__,loop,value", [f"{1773734400 + k},pid_{s.lower()},{loop},{x[k]}" for loop in LOOPS
-                                       for s, x in SIGNALS.items() for k in K], [f"{loop}.pid" for loop in LOOPS]),
+                                       for s, x in SIGNALS.items() for k in K], [*LOOPS]),
     ("asset,time,setpoint,process_value,output", [
         ",".join([loop, s, *(str(x[k]) for x in SIGNALS.values())]) for k, s in enumerate(STAMPS) for loop in LOOPS],
      [*LOOPS]),

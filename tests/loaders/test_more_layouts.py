@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import io
 import zipfile
-from datetime import timedelta
+from datetime import datetime, timedelta
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -129,6 +130,28 @@ MORE = {
     "lead_index": Export({"plant.csv": "\n".join((f",{r}" if i==0 else f"{i-1},{r}") for i,r in enumerate(wide().splitlines()))+"\n"}),
     "unit1": Export({"plant.csv": wide(name=lambda n:"AREA1/"+n)}),
     "described": Export({"plant.csv": wide(name=lambda n: f"{n} - Feed flow, unit 7", delimiter=";")}),
+    "signal_of_loop": Export({"plant.csv": wide(name=lambda n: "{1} ({0})".format(*n.split(".")))}),
+    "signal_in_loop": Export({"plant.csv": wide(name=lambda n: "{1} [{0}]".format(*n.split(".")))}),
+    "tags_in_labels": Export({"plant.csv": "name,tags,time,co,pv,sp\n" + "".join(f'pid,"loop={n},site=A",{seconds(t):.0f},{SIGNALS[f"{n}.OP"][k]},{SIGNALS[f"{n}.PV"][k]},{SIGNALS[f"{n}.SP"][k]}\n' for k, t in enumerate(STAMPS) for n in RANGES)}),
+    "metric_and_loop": Export({"plant.csv": long(lambda n, t, v: f"pid_{n[-2:].lower()},{n[:-3]},{seconds(t):.0f},{v}", "metric,loop,timestamp,value")}),
+    "measure_name": Export({"plant.csv": long(lambda n, t, v: f"{n[:-3]},{n[-2:].lower()},{t},{v}", "loop_id,measure_name,time,measure_value::double")}),
+    "messages": Export({"plant.csv": long(lambda n, t, v: f"{iso(t)},plant/{n.replace('.', '/')},{v},0,false", "timestamp,topic,payload,qos,retain")}),
+    "date_time_one_blank": Export({"plant.prn": "".join(line + "\n" for line in wide(lambda t: f"{t:%d-%m-%Y %H:%M:%S}", time_name="Date  Time", delimiter="  ").splitlines())}),
+    "lines_in_names": Export({"plant.tsv": wide(delimiter="\t", name=lambda n: '"{}\n{}"'.format(n[:-3], {"SP": "Durchfluss Sollwert\nm³/h", "PV": "Durchfluss Istwert\nm³/h", "OP": "Stellgröße\n%"}[n[-2:]]))}),
+    "described_tags": Export({"plant.csv": wide(name=lambda n: "{} {}".format(n[:-3], {"SP": "Feed flow SP", "PV": "Feed flow PV", "OP": "Valve OP"}[n[-2:]]))}),
+    "word_of_all_rows": Export({"plant.csv": long(lambda n, t, v: f"{n};{t};{v};SPONT", "Variable;Zeitstempel;Wert;Status")}, notes=("quality_words",)),
+    "go_stamps": Export({"plant.csv": wide(lambda t: f"{t} +0000 UTC")}),
+    "day_of_year_slash": Export({"plant.csv": wide(lambda t: f"{t:%Y/%j %H:%M:%S}")}),
+    "day_of_year_colons": Export({"plant.csv": wide(lambda t: f"{t:%Y:%j:%H:%M:%S}")}),
+    "iec_stamps": Export({"plant.csv": wide(lambda t: f"DT#{t:%Y-%m-%d-%H:%M:%S}")}),
+    "french_date_and_hms": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y;%Hh%Mm%Ss}", time_name="Date;Heure", delimiter=";")}),
+    "pandas_durations": Export({"plant.csv": wide(lambda t: str(pd.Timedelta(t - STAMPS[0])), time_name="")}, start=datetime(1970, 1, 1)),
+    "structs": Export({"plant.parquet": pa.table({"ts": pa.array(STAMPS, pa.timestamp("us")), **{n: pa.StructArray.from_arrays([SIGNALS[f"{n}.{s}"] for s in ("SP", "PV", "OP")], ["sp", "pv", "op"]) for n in RANGES}})}),
+    "durations": Export({"plant.parquet": pa.table({"elapsed": pa.array([t - STAMPS[0] for t in STAMPS]), **SIGNALS})}, start=datetime(1970, 1, 1)),
+    "days_in_names": Export({f"PIC303_{t:%Y-%m-%d}.csv": "Time of day,SP,PV,OP\n" + "".join(f"{u:%H:%M:%S},{SIGNALS['PIC303.SP'][k]},{SIGNALS['PIC303.PV'][k]},{SIGNALS['PIC303.OP'][k]}\n" for k, u in enumerate(STAMPS) if u.day == t.day) for t in (STAMPS[0], STAMPS[-1])}, inputs=(".",), loops={"PIC303": "PIC303"}),
+    "sections": Export({"plant.txt": "".join(f"[{n}]\nTime;SP;PV;OUT\n" + "".join(f"{t};{SIGNALS[f'{n}.SP'][k]};{SIGNALS[f'{n}.PV'][k]};{SIGNALS[f'{n}.OP'][k]}\n" for k, t in enumerate(STAMPS)) for n in RANGES)}),
+    "numbered_signals": Export({"plant.csv": wide(name=lambda n: n[-2:] + {"FIC101": "1", "PIC303": "2"}[n[:-3]])}, loops={"1": "FIC101", "2": "PIC303"}, settings=SETTINGS.replace("FIC101", "1").replace("PIC303", "2")),
+    "counted_rows": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds() + 1:.0f}", time_name="Sample", before=f"Start time: {STAMPS[0]}\nSample interval: 1000 ms\n\n")}),
     "pida": Export({"plant.csv": wide(name=lambda n:n.replace('.','.PIDA.'))}),
     "preamble_wide": Export({"plant.csv": wide(before="Server,HIST01,,,,,\nPeriod,2026-03-17 08:00:00,2026-03-17 10:00:00,,,,\n,,,,,,\n")}),
     "preamble_semi": Export({"plant.csv": wide(before="; comment, one\n; comment, two\n")}),

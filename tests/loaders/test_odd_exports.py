@@ -638,6 +638,19 @@ def test_names_of_loggers_and_points_of_networks(tmp_path, form):
     equals_the_recording(read(save(tmp_path, wide(name=lambda n: form.format(*n.split(".")))))["FIC101"])
 
 
+def test_lines_above_tell_start_and_interval_of_counted_rows(tmp_path):
+    """The step of the times is the interval where rows are counted, or where both are written in one unit."""
+    counted = wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.0f}", time_name="Sample")
+    for interval, seconds in (("2 s", 2.0), ("0.5", 0.5), ("100 ms", 0.1), ("00:01:00", 60.0)):
+        record = read(save(tmp_path, f"Start: 2026-04-13 08:00\nSampling interval: {interval}\n{counted}"))["FIC101"]
+        assert (record.interval, record.start) == (seconds, dt.datetime(2026, 4, 13, 8, tzinfo=dt.UTC).timestamp())
+    table = wide(lambda t: f"{10 * (t - STAMPS[0]).total_seconds():.0f}", time_name="Name", delimiter="\t")
+    unit = "SampleTime[ms]\t10" + "\tSampleTime[ms]\t10" * 3 + "\n"
+    assert read(save(tmp_path, unit + table))["FIC101"].interval == 0.01
+    apart = wide(lambda t: f"{5 * (t - STAMPS[0]).total_seconds():.0f}", time_name="Seconds")  # each fifth is listed
+    assert read(save(tmp_path, f"Sample interval: 1 s\n{apart}"))["FIC101"].interval == 5.0
+
+
 @pytest.mark.parametrize("name", ["FIC101.OP mA", "FIC101_OP_mA", "FIC101.OP in mA", "FIC101.OP act"])
 def test_a_unit_behind_a_signal_is_no_signal(name):
     assert (split_tag(name).loop, split_tag(name).role) == ("FIC101", "op")

@@ -109,11 +109,11 @@ def test_quality_columns_beside_values(tmp_path, name):
 
 
 def test_a_quality_that_is_unknown_can_be_named(tmp_path):
-    text = long(lambda n, t, v: f"{n},{iso(t)},{v},Fein", "tag,time,value,quality")
+    text = long(lambda n, t, v: f"{n},{iso(t)},{v},{'Fein' if t.second % 9 else 'Grob'}", "tag,time,value,quality")
     path = save(tmp_path, text)
     with pytest.raises(BacklashError):
         read(path)
-    assert read(path, options=ReadOptions(good_quality=("fein",)))["FIC101"].usable.all()
+    assert read(path, options=ReadOptions(good_quality=("fein", "grob")))["FIC101"].usable.all()
 
 
 @pytest.mark.parametrize(
