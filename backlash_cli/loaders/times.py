@@ -186,8 +186,8 @@ class StampReader:
         if is_number(kind) or pa.types.is_null(kind):
             return self._numbers(to_array(column.cast(pa.float64(), safe=False)))
         if pa.types.is_duration(kind):
-            self._unit, column = "seconds", column.cast(pa.duration("us")).cast(pa.int64())
-            return self._numbers(to_array(column.cast(pa.float64())) / SECOND)
+            self.name += " (s)" * (not self._unit)
+            return self._numbers(to_array(column.cast(pa.duration("us")).cast(pa.int64()).cast(pa.float64())) / SECOND)
         raise InputError(**explained("no_stamps", column=self.name, kind=kind), where=self.where)
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:

@@ -277,7 +277,7 @@ def same_recording(export, tmp_path):
         assert record.settings.K == 0.9
         assert record.interval == 1.0
         assert len(record) == 600 and np.array_equal(record.index, np.arange(600))
-        assert record.start == seconds(START)
+        assert record.start == seconds(export.start)
         assert record.usable.all()
         near = 1e-6 if export.tolerance < 1e-6 else 2e-4
         np.testing.assert_allclose(record.measurement * (high - low) + low, SIGNALS[f"{origin}.PV"], atol=near * high)
