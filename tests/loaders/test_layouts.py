@@ -16,7 +16,7 @@ import pytest
 
 from backlash_cli.loaders import ReadOptions, read
 
-from .exports import DIGITS, RANGES, SETTINGS, SIGNALS, STAMPS, START, Export, arrow, cell, iso, long, wide
+from .exports import DIGITS, RANGES, SETTINGS, SIGNALS, STAMPS, Export, arrow, cell, iso, long, wide
 
 EPOCH = datetime(1970, 1, 1)
 MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
