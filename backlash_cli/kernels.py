@@ -11,7 +11,15 @@ from numba.core.errors import NumbaExperimentalFeatureWarning
 from numpy.typing import NDArray
 
 
-@numba.njit(cache=True)
+def compiled(function: Callable[..., Any], signature: Any = None) -> Any:
+    """Compile a loop, kept on disk where there is a place for it; a service without a home has none."""
+    try:
+        return numba.njit(signature, cache=True)(function)
+    except RuntimeError:
+        return numba.njit(signature)(function)
+
+
+@compiled
 def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
     """Valve position behind a dead band d, started at position `start`: stays while u moves inside the band.
 
@@ -33,7 +41,7 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> NDArray[Any]:
     """Means over `count` blocks of `size` samples of what the stem lags behind OP, for each dead band in `widths`.
 
@@ -53,7 +61,7 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     return np.ascontiguousarray(out.T) / size
 
 
-@numba.njit(cache=True)
+@compiled
 def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[Any], size: int,
                          count: int) -> NDArray[Any]:
     """The same for gaps that forget: -clip(u - slow mean of u, half a width), (rates, widths, blocks).
@@ -73,7 +81,7 @@ def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[A
     return out / size
 
 
-@numba.njit(cache=True)
+@compiled
 def lagged_means(signals: NDArray[Any], rows: NDArray[np.int64], fine: int, far: int) -> NDArray[Any]:
     """Lags of signals (signals, blocks) before each of the rows: `fine` single blocks, then `far` means over 2, 4, 8 ..
     blocks; returns (signals, fine + far, rows)."""
@@ -93,7 +101,7 @@ def lagged_means(signals: NDArray[Any], rows: NDArray[np.int64], fine: int, far:
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def gap_crossings(u: NDArray[Any], width: float) -> int:
     """How often the stem behind a dead band of `width` began to move the other way: OP crossed the whole gap."""
     half, x, way, crossings = 0.5 * width, u[0], 0, 0
@@ -130,7 +138,7 @@ def with_pointers(*arguments: Any, returns: Any = numba.types.void) -> Callable[
         def machine() -> Any:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NumbaExperimentalFeatureWarning)
-                return numba.njit(returns(*arguments), cache=True)(function)
+                return compiled(function, returns(*arguments))
 
         def call(*values: Any) -> Any:
             return machine()(*values)
@@ -148,7 +156,7 @@ def run_steps(step: Any, state: Any, values: Any, p: Any, out: Any) -> None:
         out[k] = step(state, values[k], p)
 
 
-@numba.njit(cache=True)
+@compiled
 def lag(u: NDArray[Any], keep: float, older: float, newer: float, late: int) -> NDArray[Any]:
     """First-order lag x[k+1] = keep x[k] + older u[k-late-1] + newer u[k-late], (samples,), at rest at u[0] before."""
     out = np.empty_like(u)
@@ -162,7 +170,7 @@ def lag(u: NDArray[Any], keep: float, older: float, newer: float, late: int) -> 
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def kalman(error: NDArray[Any], used: NDArray[Any], a1: float, a2: float, p11: float, p12: float, p22: float,
            gain: NDArray[Any], weight: NDArray[Any]) -> tuple[NDArray[Any], float]:
     """Run the Kalman filter of a load behind two lags over an error; return its innovations and their log determinant.
@@ -199,7 +207,7 @@ def kalman(error: NDArray[Any], used: NDArray[Any], a1: float, a2: float, p11: f
     return out, log_det
 
 
-@numba.njit(cache=True)
+@compiled
 def whiten(X: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: NDArray[Any]) -> NDArray[Any]:
     """Whitened columns of X (samples, columns): the innovations of each under gains of `kalman`, times `weight`."""
     samples, columns = X.shape
@@ -221,7 +229,7 @@ def whiten(X: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: ND
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def whiten_transposed(z: NDArray[Any], a1: float, a2: float, gain: NDArray[Any], weight: NDArray[Any]) -> NDArray[Any]:
     """The transposed whitening of z (samples,): <whitened x, z> = <x, result> for every x."""
     out = np.empty_like(z)
@@ -233,7 +241,7 @@ def whiten_transposed(z: NDArray[Any], a1: float, a2: float, gain: NDArray[Any],
     return out
 
 
-@numba.njit(cache=True)
+@compiled
 def pid(
     state: Any, p: Any, setpoint: float, measurement: float, feedforward: float, by_hand: bool, hand: float
 ) -> float:
@@ -267,7 +275,7 @@ def pid(
     return free
 
 
-@numba.njit(cache=True)
+@compiled
 def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
     """Feedforward (7), (8) or (9) for one controller sample; state: [x1, xf, last, sign]."""
     scheme, half, hysteresis, a, w = p[0], p[1], p[2], p[3], p[4]

@@ -41,7 +41,7 @@ Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what hap
 def nightly(config: Path, check: bool) -> int:
     """Scan the new exports, add them to the history and write the reports, as a configuration file says."""
     settings = read_config(config)
-    limits = read_profile(settings.limits, settings.loops)
+    limits, reading = read_profile(settings.limits, settings.loops), ReadOptions(**settings.reading)
     rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
     done: Done = defaultdict(list)
     if check:
@@ -55,7 +55,7 @@ def nightly(config: Path, check: bool) -> int:
                 log(stale, "warning")
             found = _exports(settings, done)
             with History(settings.history, create=True, say=lambda text: log(text, "warning")) as store:
-                newest = _scan_all(settings, found, store, log, done)
+                newest = _scan_all(settings, reading, found, store, log, done)
                 if not done["scanned"] + done["known"]:
                     raise refusal(InputError, "no_export_read", config, count=len(found))
                 places = plant_history(store, limits, horizon=settings.horizon)
@@ -117,8 +117,8 @@ def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     return found
 
 
-def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done
-              ) -> ScanResult | None:
+def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[DatedExport], store: History, log: Log,
+              done: Done) -> ScanResult | None:
     """Scan what is new into the history, note in `done` what happened, and return the last scan."""
     scan: ScanResult | None = None
     before, known = f"{config.path.stem}:", store.exports()
@@ -134,7 +134,7 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
                     done["known"].append(name)
                     log("known", night=name)
                     continue
-                job = Job(Export(export.files, config.loops, ReadOptions(**config.reading)), ScanOptions(carry=True),
+                job = Job(Export(export.files, config.loops, reading), ScanOptions(carry=True),
                           config.jobs, shown=False)
                 # what a job that was killed had finished of this night is taken over
                 again = (key, job.export.reading, job.options)

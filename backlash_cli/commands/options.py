@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -123,7 +124,8 @@ def command(name: str) -> click.Command:
     def run(**given: Any) -> int | None:
         read = [path for path in (*given.get("inputs", ()), given.get("loops")) if isinstance(path, Path)]
         for path in map(given.get, WRITTEN):
-            if isinstance(path, Path) and path.is_file() and any(path.samefile(one) for one in read if one.exists()):
+            if isinstance(path, Path) and path.is_file() and (path.name.endswith(("loops.toml", "loops.csv")) or any(
+                    path.samefile(one) for one in read if one.exists())):
                 raise UsageError("this is the export itself, or its settings", where=f"{path}", remedy="choose another")
         return function_of(name)(**given)
 
@@ -135,6 +137,14 @@ def command(name: str) -> click.Command:
                          params=[_parameter(one, own.get(one, {})) for one in [*own, *also]])
 
 
+class _Number(click.FloatRange):
+    """A number between two ends, which nan is not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        found = super().convert(value, param, ctx)
+        return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
+
+
 def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
     words = {**PAGE["options"].get(name, {}), **own}
     flags = words.pop("flags", "--" + name.replace("_", "-")).split()
@@ -143,7 +153,7 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
         kind = click.Choice(words.pop("choices"))
     elif "range" in words:
         ends = words.pop("range")
-        kind = (click.IntRange if isinstance(ends[0], int) else click.FloatRange)(*ends)
+        kind = (click.IntRange if isinstance(ends[0], int) else _Number)(*ends)
     if "help" not in words:
         return click.Argument([name], type=kind, **words)
     switch = (kind is None and "metavar" not in words) or None  # False would take a negative number for an option

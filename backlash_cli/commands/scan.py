@@ -173,6 +173,8 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
             raise refusal(UsageError, "resume_without_history", "--resume")
         yield None
         return
+    if history.is_file():  # refused before hours of work, if it is none
+        History(history, say=say).db.close()
     with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
         yield keep
         keep.close(ended=True)

@@ -55,7 +55,7 @@ class History(contextlib.AbstractContextManager["History"]):
         self.path, self.patience, self.say = Path(path), patience, say
         if create:
             check_folder(self.path)
-        elif not self.path.is_file():
+        elif not self.path.is_file() or not self.path.stat().st_size:
             raise BacklashError(**explained("no_history"), where=str(path))
         with self._in_words(), contextlib.ExitStack() as opening:
             self.db = sqlite3.connect(path, timeout=QUIET, isolation_level=None)

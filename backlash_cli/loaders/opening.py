@@ -69,12 +69,14 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     """Return "parquet", "workbook", "archive" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
-            raise InputError(**explained("no_file"), where=str(path))
+            lost = isinstance(path, Path) and path.is_symlink()  # what it points to is not there
+            raise InputError(**explained("closed_folder" if path.is_dir() else "not_found" if lost else "no_file"),
+                             where=str(path))
         if not magic:
             with path.open("rb", buffering=0) as file:
                 magic = file.read(512)
     except OSError as error:
-        raise InputError(f"cannot read the file: {error.strerror or error}", where=str(path)) from None
+        raise InputError(**explained("unreadable", problem=error.strerror or error), where=str(path)) from None
     if not magic:
         raise InputError(**explained("empty_file"), where=str(path))
     for begin, (what, remedy) in WORDS["foreign"].items():
@@ -118,7 +120,7 @@ class Text:
                     # with a wrong checksum any part may be wrong
                     if total < 200 or isinstance(error, (gzip.BadGzipFile, BadZipFile)):
                         raise InputError(**explained("damaged", kind=codec, problem=what), where=self.where) from None
-                    self.notes.append(noted("truncated", codec=codec, problem=what))
+                    self.notes.append(noted("truncated", file=self.where, codec=codec, problem=what))
                     return
                 self._taken(file.tell() - told)
                 told = file.tell()
@@ -146,7 +148,9 @@ class Text:
                 continue
             try:
                 text = decoder.decode(piece, final=not piece)
-            except UnicodeDecodeError:
+            except UnicodeError as error:
+                if encoding != "utf-8":
+                    raise InputError(**explained("encoding_wrong", encoding=encoding, problem=error)) from None
                 piece, encoding = decoder.getstate()[0] + piece, code_page(head)
                 decoder = codecs.getincrementaldecoder(encoding)("replace")
                 text = decoder.decode(piece)
@@ -408,6 +412,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     """Return the names from the lines above the data, by their numbers; a two-line header is put together."""
     width = len(kinds)
     if options.columns or options.header_row is not None:
+        if len(options.columns) > width:
+            raise InputError(**explained("too_many_columns", names=len(options.columns), cells=width), where=where)
         given = list(options.columns) or before.get(options.header_row or 0)
         if not given:
             raise InputError(f"line {options.header_row} cannot be the header", where=where)

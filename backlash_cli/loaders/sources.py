@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -59,13 +60,16 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
             raise InputError(**explained("not_found"), where=str(path)) from None
         except (OSError, ValueError) as error:  # too long a name, a zero byte in it
             problem = getattr(error, "strerror", error)
-            raise InputError(**explained("cannot_open", problem=problem), where=ascii(path)[:200]) from None
+            shown = ascii(str(path))[1:-1][:200]
+            raise InputError(**explained("cannot_open", problem=problem), where=shown) from None
     return list(found.values())
 
 
 def _below(folder: Path | Remote) -> list[Source]:
+    closed = list[OSError]()  # folders that may not be listed become sources that cannot be read
     files = folder.files_below() if isinstance(folder, Remote) else [
-        path.relative_to(folder).parts for path in folder.rglob("*") if path.is_file()]
+        (*Path(way).relative_to(folder).parts, name) for way, _, names in os.walk(folder, onerror=closed.append)
+        for name in names]
     listed: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)  # a folder in or below it -> its files
     for *parts, name in files:
         if not any(part.startswith((".", "_")) for part in parts):
@@ -75,6 +79,7 @@ def _below(folder: Path | Remote) -> list[Source]:
     found = [Source(reduce(truediv, (*way, name), folder),
                     told_by((folder.name, *way), name, alike[name] > 1 and not re.search(r"\d", stem_of(name))), beside)
              for way, beside in folders for name in sorted(filter(is_export, beside))]
+    found += [Source(Path(error.filename)) for error in closed]
     if not found:
         other = sorted({Path(name).suffix or name for names in listed.values() for name in names})
         there = f"; found there: {some(other)}" if other else "; it is empty"

@@ -47,7 +47,7 @@ class TextTable:
     def __init__(self, text: Text, stem: str, home: str) -> None:
         self.text, self.where, self.notes = text, text.where, text.notes
         self.head = head_of(text, stem, home)
-        self._bad: list[tuple[int | None, int, int, int, str]] = []  # number, cells expected and found, lines, text
+        self._bad: list[tuple[int, int, int, str]] = []  # cells expected and found, lines, text
         self.named_again = False  # lines or cells below rows name something
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
@@ -62,8 +62,7 @@ class TextTable:
             plain = pa.float64() if is_number(kind) or pa.types.is_null(kind) else pa.string()
             types[i] = _WORDS if is_text(kind) or (i in stamps and "%" in (self.text.options.time_format or "")) else (
                 plain if i not in stamps else None if pa.types.is_null(kind) else kind)
-        # rows are numbered where one thread reads them
-        first_bad, self._bad, mark = self._bad[0][0] if self._bad else None, [], self.head.delimiter.encode()
+        self._bad, mark, line, first_bad = [], self.head.delimiter.encode(), self.head.first_line, 0
         del self.text.head[: self.head.offset]
         tables: list[pa.Table] = []
         for block in (block for block in chain([self.text.head], self.text.rest) if not block.isspace()):
@@ -74,22 +73,26 @@ class TextTable:
                 del self._bad[before:]
                 table = self._parsed(block, dict.fromkeys(types))
             # a quotation mark that is not closed takes in the rows that follow, without a trace if no cell is missing
-            counted = table.num_rows + sum(bad[3] for bad in self._bad[before:])
+            counted = table.num_rows + sum(bad[2] for bad in self._bad[before:])
             within = bytes(block).split(b'"')[1::2] if b'"' in block and block.count(b"\n") > counted else []
-            self._bad += [(None, 0, 0, lost, part[:40].decode(errors="replace")) for part in within if (
+            self._bad += [(0, 0, lost, part[:40].decode(errors="replace")) for part in within if (
                 lost := sum(line.count(mark) + 1 == len(self.head.names) for line in part.split(b"\n")[1:]))]
-            rows = sum(one.num_rows for one in tables)
+            if self._bad and not first_bad:
+                # several threads find them in any order
+                places = [block.find(b"\n" + bad[-1].partition("\n")[0].encode()) for bad in self._bad[:50]]
+                first_bad = line + block.count(b"\n", 0, min(places) + 1)
+            line, rows = line + counted, sum(one.num_rows for one in tables)
             if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
                 yield _columns(tables)
                 tables = []
             tables.append(table)
         yield _columns(tables)
         if self._bad:
-            at = "" if first_bad is None else f", the first is line {self.head.first_line + first_bad - 1}"
-            _, cells, got, _, text = self._bad[0]
-            rows = float(sum(bad[3] for bad in self._bad))
+            cells, got, _, text = self._bad[0]
+            rows = float(sum(bad[2] for bad in self._bad))
             code = "ragged_rows:quote" if rows > len(self._bad) or not cells else "ragged_rows"
-            self.notes += [noted(code, {"rows": rows, "file": self.where}, at=at, got=got, cells=cells, text=text)]
+            values = {"rows": rows, "file": self.where}
+            self.notes += [noted(code, values, line=first_bad, got=got, cells=cells, text=text)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
@@ -97,14 +100,15 @@ class TextTable:
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             lines = 1 + row.text.count("\n")
-            self._bad.append((row.number, row.expected_columns, row.actual_columns, lines, row.text[:40]))
+            self._bad.append((row.expected_columns, row.actual_columns, lines, row.text[:40]))
             self.named_again |= score_names(split_line(row.text, self.head.delimiter)) > 0
             return "skip"
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
         threads = threads and pa.cpu_count() > 1
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=1 << (19 if threads else 21))
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(1 << (
+            19 if threads else 21), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(
@@ -152,7 +156,8 @@ class ParquetTable:
         fields = [f for f in schema.empty_table().flatten().schema if not pa.types.is_nested(f.type)]  # FIC101.SP
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
-            raise InputError(**explained("same_names"), where=self.where)
+            twice = next(name for name, count in Counter(self._names).items() if count > 1)
+            raise InputError(**explained("same_names", tag=twice[:60]), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
         begun = pa.Table.from_batches([*islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1)]).flatten()
@@ -323,7 +328,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
     """Put the rows of each tag, or of each loop of a tall file, together."""
     tall = layout.kind == "tall"
     moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))
-    grouped, first = Store(store.room, grouped=True), 0
+    grouped, first, nameless = Store(store.room, grouped=True), 0, 0
     grouped.lexicons = store.lexicons
     for piece in store.emptied():
         micros = piece["t0"][:]
@@ -332,7 +337,9 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         first += len(micros)
         # rows without a stamp, such as headers in between, are no samples
         keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
+        nameless += int(np.count_nonzero((piece["group"][:] < 0) & (micros != NAT)))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
+    notes += [noted("no_tag", rows=nameless)] if nameless else []
     modes = [] if any(tag.role == "mode" for tag in head.tags) else [  # status: AUTO, MANUAL
         i for i in layout.values if i in head.texts and mode_words(head.words(i))]
     found, unread = [], {*blank, *chain(*layout.quality.values())}

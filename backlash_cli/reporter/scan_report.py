@@ -162,6 +162,7 @@ def _rule(text: str, where: str) -> Rule:
     sign, number, per_cent = found.groups()
     limit = float(number) / (100.0 if per_cent else 1.0)
     if limit > 1.0:
-        raise UsageError(**explained("large_rule", limit=limit, rule=f"d{sign}{number}%"), where=f"{where} {text}")
+        rule = "" if per_cent else f"; did you mean d{sign}{number}% ?"
+        raise UsageError(**explained("large_rule", limit=limit, rule=rule), where=f"{where} {text}")
     compare = operator.gt if sign == ">" else operator.ge
     return lambda report: (d := size(report)) is not None and compare(d, limit)

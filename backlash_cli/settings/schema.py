@@ -221,6 +221,8 @@ def settings_of(values: LoopValues | None) -> Settings:
     source = {same[0]: "default" if key in values.from_defaults else "metadata"
               for same in keys for key in same if key in given}
     setpoint, modes = given.get("sp"), given.get("auto_modes", ())
+    if isinstance(modes, (dict, bool)):
+        raise MetadataError(f"auto_modes must be words or numbers, not {modes!r}", remedy='write auto_modes = ["AUTO"]')
     loop = LoopSettings(*tuning, times.get("Tf"), gain, times.get("theta"), source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
                     tuple(map(str, modes if isinstance(modes, (list, tuple)) else [modes])),
