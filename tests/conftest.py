@@ -6,7 +6,6 @@ import pytest
 
 from tests.reporter.chromium import Browser
 
-
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a run in the background ignores it, and all it begins
 
 
