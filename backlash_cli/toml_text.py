@@ -7,12 +7,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from os import PathLike
-from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
 from .errors import MetadataError, nearest
+from .places import place
 
 T = TypeVar("T")
 _WORDS = {"bool": "true or false", "str": "a text in quotes", "array": "a list", "object": "a table",
@@ -26,7 +26,8 @@ class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 def read_page(path: str | PathLike[str], what: str, remedy: str) -> str:
     """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
     try:
-        return Path(path).read_text("utf-8-sig")
+        with place(path).open("rb") as file:
+            return file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise MetadataError(f"{what} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
                             where=str(path), remedy=remedy) from None

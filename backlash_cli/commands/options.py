@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -137,14 +136,6 @@ def command(name: str) -> click.Command:
                          params=[_parameter(one, own.get(one, {})) for one in [*own, *also]])
 
 
-class _Number(click.FloatRange):
-    """A number between two ends, which nan is not."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        found = super().convert(value, param, ctx)
-        return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
-
-
 def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
     words = {**PAGE["options"].get(name, {}), **own}
     flags = words.pop("flags", "--" + name.replace("_", "-")).split()
@@ -153,7 +144,7 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
         kind = click.Choice(words.pop("choices"))
     elif "range" in words:
         ends = words.pop("range")
-        kind = (click.IntRange if isinstance(ends[0], int) else _Number)(*ends)
+        kind = (click.IntRange if isinstance(ends[0], int) else click.FloatRange)(*ends)
     if "help" not in words:
         return click.Argument([name], type=kind, **words)
     switch = (kind is None and "metavar" not in words) or None  # False would take a negative number for an option

@@ -325,7 +325,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home) or next((
         found[1] for row in ([cell for name, cell in above if is_column(name, "tag")], *reversed(before.values()))
         if (found := TITLE.fullmatch("".join(row)))), "")
-    return Head(where, title if titled else stem, names, (), kinds, "" if titled else loop,
+    return Head(where, stem, names, (), kinds, title if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
                 lines[first][1], end, 0 if "time" in kinds else _start_of(above, kinds, options, where),
                 _interval_of(above))

@@ -15,13 +15,14 @@ from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, some
 from ..record import Frozen, Note, Record, failure, utc_text
+from ..scratch import Room
 from ..selection import choose, fits, parse_since
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
 from .grid import NAT
 from .names import explained, noted
 from .options import ReadOptions
-from .signals import Axis, Joiner, LoopSeries, Room, Series, by_loop, explicit_tags, owners_of
+from .signals import Axis, Joiner, LoopSeries, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 

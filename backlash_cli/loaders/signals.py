@@ -1,85 +1,32 @@
-"""Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop.
-A Store keeps few columns in memory, more in one scratch file without a name: nothing is left behind when killed."""
+"""Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop."""
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import IO, Any
-from weakref import finalize
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import BacklashError, LoopError, some
+from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
+from ..scratch import Room, Spilled
 from ..settings import ROLE_KEYS, Metadata
 from .cells import Cells, Lexicon
 from .grid import NAT, Times
 from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
-IN_MEMORY, PIECE = 128 << 20, 1 << 20  # bytes of samples in memory, over all files; rows that are looked at together
+PIECE = 1 << 20  # rows that are looked at together
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
 
-@dataclass(frozen=True, slots=True)  # there are millions of a large file
-class Spilled:
-    """A column in the scratch file: a slice of it is read. nbytes: the memory it takes."""
-
-    path: str
-    place: int
-    dtype: np.dtype[Any]
-    count: int
-    nbytes = 0
-
-    def __getitem__(self, rows: slice) -> NDArray[Any]:
-        first, last, _ = rows.indices(self.count)
-        return np.fromfile(self.path, self.dtype, max(last - first, 0), offset=self.place + first * self.dtype.itemsize)
-
-
 Piece = dict[str, NDArray[Any] | Spilled]  # some rows of several columns
-
-
-class Room:
-    """How much memory the columns of one run may still take, and the scratch file for what is beyond."""
-
-    def __init__(self, size: int = IN_MEMORY) -> None:
-        self.left = size
-        self._file: IO[bytes] | None = None
-        self._path = ""
-
-    def spilled(self, column: NDArray[Any]) -> Spilled:
-        """Append a column to the scratch file, which other processes can read. Raises BacklashError without room."""
-        try:
-            if self._file is None:
-                if os.path.isdir("/proc/self/fd"):  # where a file needs no name to be opened by others
-                    self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115
-                    self._path = f"/proc/{os.getpid()}/fd/{self._file.fileno()}"
-                else:
-                    self._file = tempfile.NamedTemporaryFile(buffering=0, prefix="backlash-", delete=False)  # noqa: SIM115
-                    self._path = self._file.name
-                    finalize(self, _remove, self._file)
-            place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
-            while view:
-                view = view[self._file.write(view) :]
-        except OSError as error:
-            raise BacklashError(**explained("no_room", problem=error.strerror), where=tempfile.gettempdir()) from None
-        return Spilled(self._path, place, column.dtype, len(column))
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"left": self.left, "_file": None, "_path": ""}
-
-
-def _remove(file: IO[bytes]) -> None:
-    file.close()
-    os.unlink(file.name)
 
 
 class Store:

@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from ..errors import InputError, MetadataError, some
+from ..errors import InputError, some
 from ..places import Remote, place
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
+from ..toml_text import read_page
 from .names import COLUMNS, explained, plain, signal_role, undated
 from .times import stamp_kind
 
@@ -142,13 +143,5 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
-    path = place(path)
-    try:
-        with path.open("rb", buffering=0) as file:
-            text = file.read().decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        name = "no_loops_file" if isinstance(error, FileNotFoundError) else (
-            "loops_file" if isinstance(error, OSError) else "loops_file_text")
-        raise MetadataError(**explained(name, problem=getattr(error, "strerror", "")), where=str(path)) from None
-    parse = parse_table if Path(path.name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
-    return parse(text, str(path))
+    parse = parse_table if Path(place(path).name).suffix.lower() in (".csv", ".txt", ".tsv") else parse_toml
+    return parse(read_page(path, "the loops file", "give --loops a TOML or CSV file that can be read"), str(path))

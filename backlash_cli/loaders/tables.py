@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 from ..errors import BacklashError, InputError
 from ..places import Remote
 from ..record import IntArray, Note
+from ..scratch import Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import ReadOptions
-from .signals import Axis, Piece, Room, Series, Store
+from .signals import Axis, Piece, Series, Store
 from .sources import Source, stem_of, told_by
 from .states import mode_words
 from .times import StampReader, micros_of
@@ -91,8 +92,8 @@ class TextTable:
             cells, got, _, text = self._bad[0]
             rows = float(sum(bad[2] for bad in self._bad))
             code = "ragged_rows:quote" if rows > len(self._bad) or not cells else "ragged_rows"
-            values = {"rows": rows, "file": self.where}
-            self.notes += [noted(code, values, line=first_bad, got=got, cells=cells, text=text)]
+            self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
+                                 text=text)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:

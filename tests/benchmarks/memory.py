@@ -15,7 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from backlash_cli.loaders.signals import IN_MEMORY
+from backlash_cli.scratch import IN_MEMORY
 from tests.benchmarks.made_kinds import KINDS, write_kind
 from tests.benchmarks.made_plant import write, write_long
 
@@ -24,7 +24,7 @@ import sys, time
 from backlash_cli import ScanOptions, scan
 from backlash_cli.loaders.options import ReadOptions
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.signals import Room
+from backlash_cli.scratch import Room
 options = ReadOptions(timezone=sys.argv[4] or None)
 opened = open_plant(sys.argv[1], options=options, room=Room(int(sys.argv[3])))
 result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)

@@ -18,11 +18,11 @@ from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.signals import Room
 from backlash_cli.loaders.tables import open_parquet
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import ScanOptions
+from backlash_cli.scratch import Room
 from tests.commands.run import run
 from tests.loaders.test_layouts import EXPORTS
 from tests.loaders.test_more_layouts import MORE

@@ -23,9 +23,10 @@ from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, tables
 from backlash_cli.loaders.plant import open_plant
-from backlash_cli.loaders.signals import Room, Store
+from backlash_cli.loaders.signals import Store
 from backlash_cli.record import SampleState, failure
 from backlash_cli.scanning import ScanOptions
+from backlash_cli.scratch import Room
 from tests.small_plant import records, write_plant
 
 from .test_layouts import EXPORTS
