@@ -117,9 +117,8 @@ class LoopScanner:
         on_settings: tuple[Note, ...] = ()
         if self.options.confirm and self._given and used and not follows(record, settings):
             # a contradiction limits the verdict
-            on_settings = tuple(
-                replace(note, values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict"
-                                      else "info"})
+            on_settings = tuple(replace(note,
+                values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict" else "info"})
                 for note in check_settings(settings, identify(record)) if note.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None

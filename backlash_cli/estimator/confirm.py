@@ -225,13 +225,12 @@ def _confirmation(s: Study) -> Confirmation:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
     unseen = _unseen_motion(s)
     d, high = d + unseen, high + 2.0 * unseen
-    details: dict[str, float | str] = {
-        "evidence": evidence, "gain": float(answer[at]), "imitation": imitation, "share": float(of.share[at]),
-        "share_deviation": float(of.deviation[at]), "edge": float(at in (0, len(grid) - 1)),
-        "rows": float(best[0].prediction.rows), "block_s": best[0].prediction.size * s.interval,
-        "output_range": s.span / 100.0, "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0,
-        "recordings": float(len(s.recordings)), "trace": float(evidence >= TRACE),
-        "sign_known": float(s.settings.K is not None), "output": s.output}
+    details: dict[str, float | str] = {"evidence": evidence, "gain": float(answer[at]), "imitation": imitation,
+        "share": float(of.share[at]), "share_deviation": float(of.deviation[at]),
+        "edge": float(at in (0, len(grid) - 1)), "rows": float(best[0].prediction.rows),
+        "block_s": best[0].prediction.size * s.interval, "output_range": s.span / 100.0,
+        "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0, "recordings": float(len(s.recordings)),
+        "trace": float(evidence >= TRACE), "sign_known": float(s.settings.K is not None), "output": s.output}
     return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, answer)
 
 

@@ -103,8 +103,7 @@ def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
     counts = np.bincount(h.why, minlength=len(WHY)).tolist()
     counts[TOO_SHORT] += left_out
     everything, accepted = sum(counts), counts[OK]
-    return {
-        "half_periods": everything, "long_half_periods": everything - counts[TOO_SHORT] - counts[INCOMPLETE],
+    return {"half_periods": everything, "long_half_periods": everything - counts[TOO_SHORT] - counts[INCOMPLETE],
         "detections": accepted, "detection_rate": accepted / max(everything, 1),
         "detections_per_hour": accepted / max(seconds / 3600.0, 1e-12),
         "rejected": dict(sorted((WHY[code], n) for code, n in enumerate(counts) if n and code != OK)),

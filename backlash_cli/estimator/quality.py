@@ -157,8 +157,7 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
         smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
         turns = gap_crossings(means, smallest) / (len(output_index) * interval / 3600.0)
-    return Quality(
-        survey.samples, interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
+    return Quality(survey.samples, interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
         missing_share=1.0 - survey.samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
         gaps=survey.gaps, longest_gap=(survey.longest - 1) * interval, usable_share=survey.used / max(points, 1),
         filled_share=share[SampleState.FILLED], manual_share=share[SampleState.MANUAL],
@@ -236,5 +235,4 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
     if (np.count_nonzero(line) < LEAST_KINKS or kinks < LEAST_KINKS
             or between > 0.3 * min(np.count_nonzero(straight), kinks)):
         return 0.0, 1.0, 0.0
-    return (float(lengths[line].sum()) / len(values), float(np.mean(lengths[line] + 1)),
-            quantile(rises[line], 0.1))
+    return (float(lengths[line].sum()) / len(values), float(np.mean(lengths[line] + 1)), quantile(rises[line], 0.1))

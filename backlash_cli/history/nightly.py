@@ -88,9 +88,8 @@ def read_config(path: str | Path) -> NightlyConfig:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
-    return msgspec.structs.replace(
-        page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs), fail_on=fail_on,
-        lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
+    return msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
+        fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
         reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
 

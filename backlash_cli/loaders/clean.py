@@ -159,9 +159,8 @@ class _Making:
                            samples=last - first)
         missing = [noted(code, {"loop": loop.name}, further=further)
                    for code, values in (("no_setpoint", sp), ("no_output:column", op)) if values is None]
-        said = [state_notes(self.counts, *kinds) for kinds in (
-            ("wild", "filled", "frozen", "saturated", "missing"), ("apart", "copied", "setpoint", "output"),
-            ("manual",))]
+        said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
+            ("apart", "copied", "setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
         record = Record(loop.name, grid.start / 1e6, grid.interval, grid.index,
                         np.full(len(y), np.nan) if sp is None else sp, y, op, state, scaled,

@@ -51,11 +51,10 @@ WORKBOOKS = (".xlsx", ".xlsm")
 DELIMITERS = (",", ";", "\t", "|", " ")
 # Lines of columns that blanks align, lines that are one cell in quotes each, and cells that a spreadsheet is to take as
 # they are, ="5.30": what is put in the place of what.
-_REWRITTEN = (
-    (re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*$"),
-     ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
+_REWRITTEN = ((re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*$"),
+    ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
     (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
-     ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
+    ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
     (re.compile(r'^="[^"]*"(?:[,;\t]="[^"]*")*$'), ((re.compile(rb'="([^"\r\n]*)"'), rb'"\1"'),)))
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
 _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
@@ -325,10 +324,9 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home) or next((
         found[1] for row in ([cell for name, cell in above if is_column(name, "tag")], *reversed(before.values()))
         if (found := TITLE.fullmatch("".join(row)))), "")
-    return Head(where, stem, names, (), kinds, title if titled else loop,
-                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, lines[first][0],
-                lines[first][1], end, 0 if "time" in kinds else _start_of(above, kinds, options, where),
-                _interval_of(above))
+    return Head(where, stem, names, (), kinds, title if titled else loop, options.decimal or decimal_sign(numbers,
+                "," if only_commas else "."), delimiter, lines[first][0], lines[first][1], end,
+                0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
 
 
 def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:

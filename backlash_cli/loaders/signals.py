@@ -278,9 +278,8 @@ class Joiner:
         for part in parts[1:]:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        one = parts[0] if len(parts) == 1 else Signal(
-            self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
-            np.concatenate([part.bad for part in parts]))
+        one = parts[0] if len(parts) == 1 else Signal(self.times(*(item.axis for item in chosen)),
+            np.concatenate([part.values for part in parts]), np.concatenate([part.bad for part in parts]))
         return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:

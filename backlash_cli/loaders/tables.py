@@ -112,10 +112,9 @@ class TextTable:
             19 if threads else 21), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
-        converting = pa_csv.ConvertOptions(
-            decimal_point=self.head.decimal, null_values=["", " ", *BLANK], quoted_strings_can_be_null=True,
-            strings_can_be_null=True, auto_dict_encode=True, auto_dict_max_cardinality=4096, true_values=["\x00"],
-            false_values=["\x00"], **chosen)
+        converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
+            quoted_strings_can_be_null=True, strings_can_be_null=True, auto_dict_encode=True,
+            auto_dict_max_cardinality=4096, true_values=["\x00"], false_values=["\x00"], **chosen)
         return pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
 
 

@@ -261,9 +261,8 @@ class StampReader:
         local = micros[known]
         near = local.clip(-DAY * 700_000, DAY * 2_900_000)  # what a calendar knows
         walls = pd.DatetimeIndex(near.astype("datetime64[us]"))
-        first, second = (local - near + walls.tz_localize(
-            zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h")).asi8
-            for summer in (True, False))
+        first, second = (local - near + walls.tz_localize(zone, ambiguous=np.full(len(local), summer),
+            nonexistent=pd.Timedelta("1h")).asi8 for summer in (True, False))
         doubled = first != second
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)

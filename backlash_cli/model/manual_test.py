@@ -319,8 +319,7 @@ def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: F
     most = float(np.bincount(data.events(TURNED * d), gained).max())
     low, high = width_interval(widths, gains, d, LEAST_INTERVAL)
     evidence, reduction = float(gains[at]), 1.0 - float(best.variance[model, start] / none.variance[model, 0])
-    details: dict[str, float | str] = {
-        "source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
+    details: dict[str, float | str] = {"source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
         "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
         "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded"}

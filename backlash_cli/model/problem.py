@@ -134,11 +134,10 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
             columns[name] = 0.5 * (signal + np.append(signal[1:], signal[-1]))
     moved, floor, h = _interpolate(output), noise_floor(recorded), record.interval
     setpoint = np.nan_to_num(hold(setpoint))
-    return Problem(
-        record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
-        record.settings.theta or None, record.settings, len(holes) * heard, floor,
-        moved_from_outside(moved, setpoint, state == SampleState.MANUAL, used, h),
-        horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed, float(record.time[0]), origin)
+    return Problem(record.loop, h, moved, np.where(used, measurement, 0.0), recorded, setpoint, used, columns,
+        record.settings.theta or None, record.settings, len(holes) * heard, floor, moved_from_outside(moved, setpoint,
+        state == SampleState.MANUAL, used, h), horizon(recorded, floor, h, record.settings.Ti), step_of(moved), seed,
+        float(record.time[0]), origin)
 
 
 def readings(problem: Problem) -> list[Problem]:

@@ -134,9 +134,8 @@ def kept_model(record: Record, problem: Problem, fitted: Fit, recorders: Sequenc
     entries = [ModelEffect(p.effect.name, v, p.column, reference(p.effect))
                for p, v in zip((*fitted.shape.parts, *recorders), values, strict=True)]
     start, end = record.time[[0, -1]].tolist()
-    return Model(
-        record.loop, fitted.gain, fitted.shape.lag, float(fitted.coefficients[1]), fitted.shape.delay, tuple(entries),
-        start, end, record.interval, record.settings.pv_range, record.settings.op_range, rmse_holdout,
+    return Model(record.loop, fitted.gain, fitted.shape.lag, float(fitted.coefficients[1]), fitted.shape.delay,
+        tuple(entries), start, end, record.interval, record.settings.pv_range, record.settings.op_range, rmse_holdout,
         usual_output(problem))
 
 

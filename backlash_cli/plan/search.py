@@ -236,8 +236,7 @@ class Subject:
     def _option(self, played: Played) -> PlanOption:
         test, n = played.test, max(played.worn.total(), 1)
         pv, op = played.moved if played.moves else (None, None)
-        option = PlanOption(
-            test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
+        option = PlanOption(test.kind, "", test.duration, test.move or None, test.levels if test.move else (),
             test.hold if test.move else None, op, pv, played.worn[Verdict.BACKLASH] / n,
             played.healthy[Verdict.NO_BACKLASH] / n, played.healthy[Verdict.BACKLASH] / n,
             played.worn[Verdict.NO_BACKLASH] / n, n, self._excess(played) == 1.0,

@@ -25,9 +25,8 @@ def checked(result: PlantResult) -> Report:
     content = {"result": result, "loops": loops, "effects": EFFECTS, "findings": _findings,
                "counts": ", ".join(f"{counts[e]} {word}" for e, (word, _) in EFFECTS.items() if counts[e]),
                "untold": lambda loop: [note for note in _findings(loop) if note.message not in loop.judged.message]}
-    return Report("check", "", content, lambda: {
-        "inputs": result.inputs, "loops": [_loop(loop) for loop in result.loops],
-        "warnings": [fields_of(note) for note in result.warnings],
+    return Report("check", "", content, lambda: {"inputs": result.inputs,
+        "loops": [_loop(loop) for loop in result.loops], "warnings": [fields_of(note) for note in result.warnings],
         "failures": [fields_of(note) for note in result.failures]})
 
 
@@ -42,12 +41,10 @@ def _findings(loop: LoopCheck) -> list[Note]:
 
 def _loop(loop: LoopCheck) -> dict[str, Any]:
     found, diagnosis = loop.identified, loop.diagnosis
-    return {
-        "loop": loop.loop, "start": iso_time(loop.start), "end": iso_time(loop.end), "effect": loop.judged.code,
+    return {"loop": loop.loop, "start": iso_time(loop.start), "end": iso_time(loop.end), "effect": loop.judged.code,
         "meaning": loop.judged.message, "settings": {n: getattr(loop.settings, n) for n in ("K", "Ti", "Td", "source")},
         "identified": found and {n: getattr(found, n) for n in ("K", "Ti", "Td", "ratio", "b", "Tf", "r2", "form")},
-        "quality": loop.quality and fields_of(loop.quality, "notes"),
-        "oscillation": diagnosis and {
-            "looks_like": diagnosis.kind, "period_s": diagnosis.period, "d": diagnosis.d,
-            "statement": diagnosis.statement, "grounds": diagnosis.grounds},
+        "quality": loop.quality and fields_of(loop.quality, "notes"), "oscillation": diagnosis
+        and {"looks_like": diagnosis.kind, "period_s": diagnosis.period, "d": diagnosis.d,
+        "statement": diagnosis.statement, "grounds": diagnosis.grounds},
         "findings": [fields_of(note) for note in _findings(loop)]}

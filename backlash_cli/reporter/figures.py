@@ -109,10 +109,9 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
         if window is not None and d is not None and record.output is not None:
             stem = stem_of(record.output, d)[window]
             lines.append(line(stem, op_span, f"stem: OP through {percent(d)} of play", STEM, yaxis="y2"))
-            layout["shapes"] = [
-                across("x", (ms(part.time[first]), ms(part.time[last])), STEM, opacity=0.16, layer="below",
-                       legendgroup="still", name="stem stands still in the gap", showlegend=number == 0)
-                for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
+            layout["shapes"] = [across("x", (ms(part.time[first]), ms(part.time[last])), STEM, opacity=0.16,
+                layer="below", legendgroup="still", name="stem stands still in the gap",
+                showlegend=number == 0) for number, (first, last) in enumerate(stands_still(part.output, stem, d))]
         panels = [panels[0] | {"domain": [0.42, 1.0]}, axis(f"OP [{op_unit}]", domain=[0.0, 0.36])]
         layout["height"] = 480
     return figure(lines, DATES, *panels, **layout)

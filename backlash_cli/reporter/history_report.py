@@ -138,9 +138,8 @@ def _wear_figure(wear: Wear) -> Figure:
                          fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
              for r in wear.repairs]
     shapes = [fig.across("x", note["x"], fig.QUIET, width=2, dash="dashdot") for note in words]
-    return fig.figure([line for line in lines if line["x"]], fig.DATES, fig.axis(
-        "dead band [% of output span]", rangemode="tozero"), height=420, shapes=shapes, annotations=words,
-        margin={"t": 60})
+    return fig.figure([line for line in lines if line["x"]], fig.DATES, fig.axis("dead band [% of output span]",
+        rangemode="tozero"), height=420, shapes=shapes, annotations=words, margin={"t": 60})
 
 
 def _half_period_figure(half_periods: Sequence[Estimate]) -> Figure:

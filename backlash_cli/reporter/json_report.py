@@ -101,10 +101,9 @@ def judged(found: results.Judged) -> dict[str, Any]:
             name = effects[-1]["effect"] if effects else "model"
             steps.append({"added": name, **fields_of(found.fitness, "parameters"), "chosen": "user"})
         own = {"candidates": [], "steps": steps, "missing_effect": None}
-    return {
-        **header(), **fields_of(found), "start": iso_time(first), "end": iso_time(last), "effects": effects,
-        "samples": None if s is None else s.used.sum(), "model": kept and {**fields_of(kept), "effects": [
-            {"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]}, **own}
+    return {**header(), **fields_of(found), "start": iso_time(first), "end": iso_time(last), "effects": effects,
+        "samples": None if s is None else s.used.sum(), "model": kept and {**fields_of(kept),
+        "effects": [{"effect": e.reference, "column": e.column or None, **e.parameters} for e in kept.effects]}, **own}
 
 
 def _fitted(found: results.FittedEffect) -> dict[str, Any]:

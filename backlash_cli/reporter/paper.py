@@ -45,8 +45,7 @@ def _plot(figure: PaperFigure) -> Figure:
         top = 1.0 - k * (height + GAP)
         known, colours = {one["name"] for one in data}, iter(COLOURS * len(panel.lines))
         for line in panel.lines:
-            data.append(trace(
-                digits(line.x), digits(line.y), line.name, QUIET if line.quiet else next(colours),
+            data.append(trace(digits(line.x), digits(line.y), line.name, QUIET if line.quiet else next(colours),
                 mode="markers" if len(line.x) == 1 else "lines", width=1.2 if line.quiet else 1.6, dash=line.dash,
                 size=10, symbol="diamond", hover="", showlegend=line.name not in known, legendgroup=line.name,
                 xaxis=f"x{mark}", yaxis=f"y{mark}"))

@@ -81,8 +81,7 @@ class _LoopsFile(Page, frozen=True):
 
 def parse_toml(text: str, where: str) -> Metadata:
     """Read metadata from TOML text. Raises MetadataError naming line and key, with the nearest known ones."""
-    page = checked(parsed(text, where), _LoopsFile, where, text,
-                   remedy="(settings of a loop stand under [loops.NAME])")
+    page = checked(parsed(text, where), _LoopsFile, where, text, remedy="(settings of a loop stand under [loops.NAME])")
     check_keys(page.defaults, partial(line_of, text, where, "defaults"))
     for name, values in page.loops.items():
         if not isinstance(values, dict):

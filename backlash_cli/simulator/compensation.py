@@ -113,9 +113,8 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     density = density_of(record, controller)
     filtered, arrived = (gain * float(np.sqrt(density)) for gain in noise_gains(controller))
     share, why = gain_share(interval[0], derivative=controller.Td > 0.0, output_noise=arrived)
-    return study(CompensationStudy(
-        record.loop, controller, simulated, d, interval, d_source, density, arrived, HYSTERESIS * filtered,
-        typical_load(record, d), share * interval[0], why, warnings))
+    return study(CompensationStudy(record.loop, controller, simulated, d, interval, d_source, density, arrived,
+        HYSTERESIS * filtered, typical_load(record, d), share * interval[0], why, warnings))
 
 
 def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float, float], str]:

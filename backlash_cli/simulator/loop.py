@@ -132,9 +132,8 @@ def trace(scenario: Scenario) -> Trace:
     with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
         warnings.filterwarnings("ignore", message="First-class function type feature")
         reached = run(*effects, *process, np.zeros(delay + 2), c.packed(s.sample_seconds), pid_state,
-                      s.compensator.packed(c, s.sample_seconds), comp_state,
-                      every(s.sample_seconds, s.step, "sample_time"), setpoint, by_hand, hand, start, rest,
-                      UNSTABLE_SPANS, out)
+                      s.compensator.packed(c, s.sample_seconds), comp_state, every(s.sample_seconds, s.step,
+                      "sample_time"), setpoint, by_hand, hand, start, rest, UNSTABLE_SPANS, out)
     if reached < samples or not np.all(np.isfinite(out)):
         raise LoopError(**explained("unstable_loop", seconds=reached * s.step), where=s.name)
     measurement, output, valve, process_output, error = out

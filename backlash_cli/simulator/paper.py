@@ -130,9 +130,8 @@ def figure(key: str, *panels: Panel) -> PaperFigure:
 def diagrams(key: str, time: FloatArray, pick: Any, above: Mapping[str, FloatArray], below: Mapping[str, FloatArray],
              marks: Sequence[tuple[float, float, str]] = ()) -> PaperFigure:
     """Return two diagrams of named curves (samples,) over time, where picked: measured signals above, output below."""
-    above_lines, below_lines = (tuple(
-        Line(name, time[pick], y[pick], *(("dot", True) if name in QUIET else ())) for name, y in curves.items())
-        for curves in (above, below))
+    above_lines, below_lines = (tuple(Line(name, time[pick], y[pick], *(("dot", True) if name in QUIET else ()))
+        for name, y in curves.items()) for curves in (above, below))
     return figure(key, Panel(above_lines, "", "flow" if "flow" in above else "y", tuple(marks)),
                   Panel(below_lines, "time [s]", "u"))
 
