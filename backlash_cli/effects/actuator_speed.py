@@ -48,8 +48,7 @@ def speeds(clues: Clues) -> list[Values]:
 RATE_LIMIT = effect(
     "rate_limit", Stage.VALVE,
     (Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),),
-    start, step,
-    fitting=Fitting(propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag")))
+    start, step, fitting=Fitting(propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag")))
 
 
 def unequal_speeds(clues: Clues) -> list[Values]:
@@ -63,5 +62,4 @@ UNEQUAL_SPEED = effect(
     "unequal_speed", Stage.VALVE,
     (Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
      Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005))),
-    start, step,
-    fitting=Fitting(propose=unequal_speeds, seldom=True, siblings=("rate_limit",)))
+    start, step, fitting=Fitting(propose=unequal_speeds, seldom=True, siblings=("rate_limit",)))

@@ -68,11 +68,9 @@ def propose(clues: Clues) -> list[Values]:
 
 
 EFFECT = effect(
-    "backlash", Stage.VALVE,
-    (Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
+    "backlash", Stage.VALVE, (Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
      Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
-    start, step,
-    fitting=Fitting(propose=propose, rivals=("sensor_hysteresis",), whole=whole, siblings=("stiction",)))
+    start, step, fitting=Fitting(propose=propose, rivals=("sensor_hysteresis",), whole=whole, siblings=("stiction",)))
 
 
 def widths(clues: Clues) -> list[Values]:
@@ -82,11 +80,9 @@ def widths(clues: Clues) -> list[Values]:
 
 
 SENSOR_HYSTERESIS = effect(
-    "sensor_hysteresis", Stage.SENSOR,
-    (Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
+    "sensor_hysteresis", Stage.SENSOR, (Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
      Parameter("position", "half width", "shown value at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
-    start, step,
-    fitting=Fitting(propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction")))
+    start, step, fitting=Fitting(propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction")))
 
 
 def stuck(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -130,11 +126,9 @@ def plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 STICTION = effect(
-    "stiction", Stage.VALVE,
-    (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
+    "stiction", Stage.VALVE, (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
      Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
      Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
      Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
-    stuck, slip_step,
-    fitting=Fitting(
+    stuck, slip_step, fitting=Fitting(
         propose=bands, search="jumpy", plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",)))

@@ -52,11 +52,9 @@ def stops(clues: Clues) -> list[Values]:
 
 
 SATURATION = effect(
-    "saturation", Stage.VALVE,
-    (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
+    "saturation", Stage.VALVE, (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
      Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7))),
-    no_memory, stop_step,
-    fitting=Fitting(whole=at_once(stop_step), propose=stops))
+    no_memory, stop_step, fitting=Fitting(whole=at_once(stop_step), propose=stops))
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -79,5 +77,4 @@ VALVE_CHARACTERISTIC = effect(
 SENSOR_CURVE = effect(
     "sensor_curve", Stage.SENSOR,
     (Parameter("curvature", "1", "ln of slope at full over slope at nothing", 0.0, -6.0, 6.0, (-2.0, -0.7, 0.7, 2.0)),),
-    no_memory, flow_step,
-    fitting=Fitting(whole=at_once(flow_step), seldom=True, rivals=("valve_characteristic",)))
+    no_memory, flow_step, fitting=Fitting(whole=at_once(flow_step), seldom=True, rivals=("valve_characteristic",)))

@@ -90,8 +90,7 @@ LOAD_STEP = effect(
     "load_step", Stage.LOAD,
     (Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
      Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True)),
-    clock, step_step,
-    fitting=Fitting(
+    clock, step_step, fitting=Fitting(
         linear=("sizes",), fixed=("times",), dear=("times",), plausible=step_plausible,
         propose=lambda clues: [{"times": t, "sizes": (0.0,) * len(t)} for t in clues.step_times(5)]))
 
@@ -122,12 +121,10 @@ def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
 
 
 LOAD_DRIFT = effect(
-    "load_drift", Stage.LOAD,
-    (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
+    "load_drift", Stage.LOAD, (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
      Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
      Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True)),
-    clock, drift_step,
-    fitting=Fitting(
+    clock, drift_step, fitting=Fitting(
         linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
         propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)]))
 
@@ -143,8 +140,7 @@ EXTERNAL_OSCILLATION = effect(
     (Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
      Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
      Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True)),
-    clock, swing_step,
-    fitting=Fitting(
+    clock, swing_step, fitting=Fitting(
         linear=("amplitude",), phase="phase", dear=("period",),
         propose=lambda clues: [{"period": t, "amplitude": 0.0, "phase": 0.0} for t in clues.periods(3)]))
 
@@ -157,8 +153,7 @@ def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
 MEASURED_DISTURBANCE = effect(
     "measured_disturbance", Stage.LOAD,
     (Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
-    lambda p, interval, first: np.zeros(1), column_step, column=True,
-    fitting=Fitting(linear=("gain",)))
+    lambda p, interval, first: np.zeros(1), column_step, column=True, fitting=Fitting(linear=("gain",)))
 
 
 def coloured_start(density: float, bandwidth: float, interval: float) -> FloatArray:
@@ -195,12 +190,10 @@ MEASUREMENT_NOISE = effect(
     "measurement_noise", Stage.SENSOR,
     (Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
      Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf)),
-    lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step,
-    draws=2, fitted=False)
+    lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step, draws=2, fitted=False)
 
 RANDOM_LOAD = effect(
-    "random_load", Stage.LOAD,
-    (Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
+    "random_load", Stage.LOAD, (Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
      Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9)),
     lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval), coloured_step,
     draws=2, fitted=False)

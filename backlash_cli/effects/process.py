@@ -93,10 +93,8 @@ def forgotten(samples: int, h: float, tau: float) -> FloatArray:
 
 
 DEAD_TIME = effect(
-    "dead_time", Stage.PROCESS,
-    (Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    ring, delay_step,
-    fitting=Fitting(
+    "dead_time", Stage.PROCESS, (Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
+    ring, delay_step, fitting=Fitting(
         whole=lambda values, p, interval: late(values, p[0] / interval), siblings=("second_lag",),
         propose=lambda clues: [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]))
 
@@ -127,8 +125,7 @@ def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
 SECOND_LAG = effect(
     "second_lag", Stage.PROCESS,
     (Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    lag_start, lag_step,
-    fitting=Fitting(
+    lag_start, lag_step, fitting=Fitting(
         whole=lagged, on_loads=True, siblings=("dead_time",),
         propose=lambda clues: [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]))
 
@@ -152,5 +149,4 @@ GAIN_DRIFT = effect(
     "gain_drift", Stage.PROCESS,
     (Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
      Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True)),
-    clock, drift_step,
-    fitting=Fitting(propose=drifts, seldom=True))
+    clock, drift_step, fitting=Fitting(propose=drifts, seldom=True))

@@ -83,8 +83,7 @@ QUANTIZATION = effect(
     "quantization", Stage.SENSOR,
     (Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
      Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
-    nothing_kept, recorded_step,
-    fitting=Fitting(
+    nothing_kept, recorded_step, fitting=Fitting(
         fixed=("step", "hold"), bounds=bounds,
         propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [shown(clues)]
                                if how in ("rounded", "held")]))
@@ -92,7 +91,6 @@ QUANTIZATION = effect(
 EXCEPTION_COMPRESSION = effect(
     "exception_compression", Stage.SENSOR,
     (Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
-    nothing_kept, recorded_step,
-    fitting=Fitting(
+    nothing_kept, recorded_step, fitting=Fitting(
         fixed=("deviation",), bounds=bounds,
         propose=lambda clues: [{"deviation": step} for step, how in [shown(clues)] if how == "reported"]))

@@ -35,12 +35,10 @@ def compensation(study: CompensationStudy) -> Report:
             **{name: getattr(study, name) for name in told}, "process": study.process,
             "settings": {"K": k.K, "Ti": k.Ti, "Td": k.Td, "Tf": k.filter_time},
             "dead_band": {"d": study.d, "ci95": study.interval, "source": study.d_source},
-            "recommended": None if study.recommended is None else recommended,
-            "trials": study.trials, "advice": ADVICE}
+            "recommended": None if study.recommended is None else recommended, "trials": study.trials, "advice": ADVICE}
 
     return Report("compensate", f"Backlash compensation: {shorten(study.loop, 80)}",
-                  {"study": study}, document,
-                  lambda: {"gains": _gains(study), "trends": _trends(study)},
+                  {"study": study}, document, lambda: {"gains": _gains(study), "trends": _trends(study)},
                   "Simulated; nothing was written to the control system")
 
 
@@ -89,8 +87,7 @@ def plans(found: Sequence[LoopPlan], loops: int, inputs: Sequence[str] = ()) -> 
     many were scanned. inputs: what was read."""
     told, kept = (sum(any(o.decides and o.within_limits >= w for o in p.options) for p in found) for w in (False, True))
     return Report(
-        "plan", entitled("Test plans", inputs),
-        {"plans": found, "told": told, "beyond": told - kept, "loops": loops},
+        "plan", entitled("Test plans", inputs), {"plans": found, "told": told, "beyond": told - kept, "loops": loops},
         lambda: {"advice": TEST, "loops": [{**fields_of(p), "options": [*map(_option, p.options)]} for p in found]},
         lambda: {"sheets": [_sheet(p, f"sheet-{i}") for i, p in enumerate(found)]},
         "Simulated from the records; nothing was written to the control system")
