@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from .holes import inside, short_holes
 from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile, runs
 from .words import WORDS, noted
 
@@ -24,33 +25,11 @@ LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are froze
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
 
 
-def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return (values, filled): holes (nan) of at most `longest` samples on a line, but not beside a jump of `index`."""
-    starts, ends = runs(~np.isfinite(values))
-    inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
-    starts, ends = starts[inner], ends[inner]
-    unbroken = index[ends] - index[starts - 1] == ends - starts + 1
-    filled = inside(starts[unbroken], ends[unbroken], len(values))
-    if not filled.any():
-        return values, filled
-    out, known = values.copy(), np.flatnonzero(np.isfinite(values))
-    out[filled] = np.interp(np.flatnonzero(filled), known, values[known])
-    return out, filled
-
-
 def saturated(output: FloatArray) -> NDArray[np.bool_]:
     """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
     starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
     long = ends - starts >= LIMIT_RUN
     return inside(starts[long], ends[long], len(output))
-
-
-def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
-    """(samples,) True in stretches that do not overlap; ends: one past the last."""
-    found = np.zeros(samples, bool)
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        found[start:end] = True
-    return found
 
 
 def frozen(values: FloatArray) -> NDArray[np.bool_]:

@@ -32,11 +32,9 @@ MISSED = 5  # looks at which a worker may be missing: one that died is mostly th
 ATTEMPTS = 3  # of work that was lost on its way
 _LOCAL = {
     # a loop that ends its process does so every time: two deaths are proof enough
-    "distributed.scheduler.allowed-failures": 1,
-    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.allowed-failures": 1, "distributed.scheduler.worker-saturation": 1.0,
     # a busy machine takes long to start a process again; given up, its work would wait for ever
-    "distributed.deploy.lost-worker-timeout": "1 hour",
-    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.deploy.lost-worker-timeout": "1 hour", "distributed.worker.multiprocessing-method": "spawn",
     "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
 }
 _GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work

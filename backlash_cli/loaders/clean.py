@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
+from ..holes import MAX_HOLE, held, linear
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
 from ..samples import judged, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
-from .grid import GAP_FACTOR, MAX_HOLE, NAT, SPARSE_SHARE, Grid, Ordered, Times, held, linear, make_grid
+from .grid import GAP_FACTOR, NAT, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
+from ..holes import MAX_HOLE
 from ..record import FloatArray, Frozen, IntArray, Note, duration, utc_text
 from .names import explained, noted
 
@@ -22,7 +23,7 @@ LIKELY = range(600_000_000 * SECOND, 2_020_000_000 * SECOND)  # 1989 to 2034: da
 OUTLIER_SHARE, FAR = 0.01, 10.0  # of the stamps may lie far from others: that times what 90 % span, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
 FINEST = 1000  # microseconds: no controller is that fast
-MAX_HOLE, ABSENT_ROWS = 5, 60  # absent samples that may be bridged, and that get rows of their own; more is a gap
+ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
 GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may bridge
 MAX_GROWTH, JITTER = 200, (0.3, 1.7)  # grid points per recorded row; spacings over the usual one
@@ -295,32 +296,3 @@ def _nice(step: float) -> int:
     near = np.outer([1_000, 10_000, 100_000, 1_000_000, 60_000_000], _NICE).ravel()
     best = int(near[np.argmin(np.abs(near - step))])
     return best if abs(best - step) <= 0.01 * step else max(1, round(step))
-
-
-def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, else nan."""
-    if len(known) < 2:
-        return np.full(len(times), np.nan)
-    out = np.interp((times - known[0]).astype(float), (known - known[0]).astype(float), heights, np.nan, np.nan)
-    after = np.searchsorted(known, times).clip(1, len(known) - 1)
-    wide = known[after] - known[after - 1] > limit
-    out[wide & (known[after] != times) & (known[after - 1] != times)] = np.nan
-    return out
-
-
-def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
-    """(samples,) The last good record at or before each of `times`; nan before the first, after `limit` microseconds,
-    and from a bad record (nan) on when no good one follows within `few` microseconds or MAX_HOLE records."""
-    good = np.isfinite(values)
-    if not good.any():
-        return np.full(len(times), np.nan)
-    known, heights = stamps[good], values[good]
-    last = np.searchsorted(known, times, side="right") - 1
-    age = times - known[last.clip(0)]
-    out = np.where((last >= 0) & (age <= limit), heights[last], np.nan)
-    if not good.all():
-        faults = stamps[~good]
-        fault = np.searchsorted(faults, times, side="right") - 1
-        stale = (fault >= 0) & (faults[fault.clip(0)] > known[last.clip(0)])
-        out[stale & (age > max(few, (MAX_HOLE + 0.5) * float(np.median(np.diff(stamps)))))] = np.nan
-    return out

@@ -40,10 +40,9 @@ class ReadOptions(Frozen):
     max_bytes: int = 2 << 30
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (("decimal", self.decimal, (".", ",")),
-                                     ("time-format", self.time_format, TIME_WORDS),
-                                     ("interpolation", self.interpolation, ("hold", "linear")),
-                                     ("layout", self.layout, ("wide", "tall", "long", "pairs"))):
+        for name, allowed in {"decimal": (".", ","), "time-format": TIME_WORDS, "interpolation": ("hold", "linear"),
+                              "layout": ("wide", "tall", "long", "pairs")}.items():
+            value = getattr(self, name.replace("-", "_"))
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
                 words = ("  " if name == "decimal" else ", ").join(allowed)
                 raise UsageError(f"{value!r} is not known here", where=f"--{name}", remedy=f"one of: {words}")

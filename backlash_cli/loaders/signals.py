@@ -186,9 +186,8 @@ class LoopSeries:
     def changed(self, change: Callable[[Axis], Axis]) -> LoopSeries:
         """Return it with other rows in the place of its own, also shared ones; without signals that have none left."""
         once = cache(change)
-        roles, extra = ({name: there for name, items in signals.items() if (
-            there := [replace(item, axis=axis) for item in items if len(axis := once(item.axis))])}
-            for signals in (self.roles, self.extra))
+        roles, extra = ({name: there for name, items in signals.items() if (there := [replace(item, axis=axis)
+            for item in items if len(axis := once(item.axis))])} for signals in (self.roles, self.extra))
         return replace(self, roles=roles, extra=extra)
 
 

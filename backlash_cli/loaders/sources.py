@@ -68,9 +68,8 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
 
 def _below(folder: Path | Remote) -> list[Source]:
     closed = list[OSError]()  # folders that may not be listed become sources that cannot be read
-    files = folder.files_below() if isinstance(folder, Remote) else [
-        (*Path(way).relative_to(folder).parts, name) for way, _, names in os.walk(folder, onerror=closed.append)
-        for name in names]
+    files = folder.files_below() if isinstance(folder, Remote) else [(*Path(way).relative_to(folder).parts, name)
+        for way, _, names in os.walk(folder, onerror=closed.append) for name in names]
     listed: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)  # a folder in or below it -> its files
     for *parts, name in files:
         if not any(part.startswith((".", "_")) for part in parts):

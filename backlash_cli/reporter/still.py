@@ -46,9 +46,8 @@ def loop_figure(record: Record, report: LoopReport) -> Picture:
     below = [("close look", figures.trend(record, report, window, POINTS, room=0.06))]
     if record.output is not None:
         below.append(("PV against OP (red: close look)", figures.plane(record, window, report, points=4000)))
-    below.append(("which size fits best", figures.profile(report))
-                 if confirmed is not None and len(confirmed.profile) > 2 else
-                 ("sizes from half periods", figures.estimates(report)))
+    below.append(("which size fits best", figures.profile(report)) if confirmed is not None
+                 and len(confirmed.profile) > 2 else ("sizes from half periods", figures.estimates(report)))
     return still(words, [[("", figures.trend(record, report, points=POINTS, room=0.016))], below], (1.2, 1.0), SIZE)
 
 

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli.holes import short_holes
 from backlash_cli.record import runs
-from backlash_cli.samples import frozen, judged, saturated, short_holes
+from backlash_cli.samples import frozen, judged, saturated
 
 
 @settings(max_examples=100, deadline=None)
