@@ -51,7 +51,7 @@ class Room:
                 else:
                     self._file = tempfile.NamedTemporaryFile(buffering=0, prefix="backlash-", delete=False)  # noqa: SIM115
                     self._path = self._file.name
-                    finalize(self, lambda file: (file.close(), os.unlink(file.name)), self._file)
+                    finalize(self, lambda file: file.close() or os.unlink(file.name), self._file)  # type: ignore
             place, view = self._file.seek(0, os.SEEK_END), memoryview(column).cast("B")
             while view:
                 view = view[self._file.write(view) :]

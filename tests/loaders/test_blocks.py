@@ -19,9 +19,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from backlash_cli import scratch
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, tables
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, tables
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.signals import Store
 from backlash_cli.record import SampleState, failure
@@ -359,9 +360,9 @@ def test_what_does_not_fit_goes_to_one_file_that_leaves_nothing_behind(tmp_path)
 
 
 def test_where_a_file_needs_a_name_it_is_gone_with_the_plant(tmp_path, monkeypatch):
-    there = signals.os.path.isdir  # as where no /proc is
-    monkeypatch.setattr(signals.os.path, "isdir", lambda path: not str(path).startswith("/proc") and there(path))
-    monkeypatch.setattr(signals.tempfile, "tempdir", str(tmp_path))
+    there = scratch.os.path.isdir  # as where no /proc is
+    monkeypatch.setattr(scratch.os.path, "isdir", lambda path: not str(path).startswith("/proc") and there(path))
+    monkeypatch.setattr(scratch.tempfile, "tempdir", str(tmp_path))
     (tmp_path / "plant").mkdir()
     want = read(write_plant(tmp_path / "plant"))
     opened = open_plant(tmp_path / "plant", room=Room(0))
@@ -399,7 +400,7 @@ def test_a_full_disk_is_one_message(monkeypatch):
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(signals.tempfile, "TemporaryFile", full)
+    monkeypatch.setattr(scratch.tempfile, "TemporaryFile", full)
     with pytest.raises(BacklashError, match="No space left"):
         Room(0).spilled(np.ones(3))
 

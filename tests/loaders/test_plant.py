@@ -345,7 +345,7 @@ def test_wrong_inputs(tmp_path):
     for inputs in (tmp_path / "nothing.csv", tmp_path, [], tmp_path / "a\x00b"):
         with pytest.raises(InputError):
             read(inputs)
-    with pytest.raises(MetadataError, match="not found"):
+    with pytest.raises(MetadataError, match="No such file"):
         read(save(tmp_path, wide()), loops=tmp_path / "no.toml")
     for options in ({"interpolation": "cubic"}, {"delimiter": "ab"}, {"timezone": "Europe/Nowhere"},
                     {"time_format": "hms"}, {"encoding": "utf-9"}, {"layout": "rows"}, {"header_row": 0}):  # fmt: skip
