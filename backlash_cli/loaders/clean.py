@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..holes import MAX_HOLE, held, linear
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
-from ..samples import judged, state_notes
+from ..samples import MAX_HOLE, held, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, NAT, SPARSE_SHARE, Grid, Ordered, Times, make_grid

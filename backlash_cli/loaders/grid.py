@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..holes import MAX_HOLE
 from ..record import FloatArray, Frozen, IntArray, Note, duration, utc_text
+from ..samples import MAX_HOLE
 from .names import explained, noted
 
 NAT = np.iinfo(np.int64).min

@@ -28,6 +28,27 @@ def test_table_is_the_default_with_the_largest_first(capfd, plant):
     assert names[:2] == ["PIC303", "FIC101"] and max(map(len, done.out.splitlines())) <= 100
 
 
+def test_settings_found_beside_the_data_are_never_written_over(capfd, tmp_path):
+    plant = write_plant(tmp_path, hours=0.2)
+    settings = next(tmp_path.glob("*loops.toml"))
+    before = settings.read_bytes()
+    done = run(capfd, "scan", plant, "--format", "csv", "--output", settings)
+    assert done.status == 2 and "or its settings" in done.err and settings.read_bytes() == before
+
+
+def test_what_cannot_be_opened_in_a_folder_is_a_failure(capfd, tmp_path):
+    write_plant(tmp_path, hours=0.2)
+    (tmp_path / "lost.csv").symlink_to(tmp_path / "nowhere.csv")
+    done = run(capfd, "scan", tmp_path, "--no-confirm")
+    assert done.status == 3 and "lost.csv: no such file" in done.out and "FIC101" in done.out
+
+
+def test_a_file_that_is_no_history_leaves_nothing_behind(capfd, plant, tmp_path):
+    (tmp_path / "h.db").write_text("no history\n" * 100)
+    done = run(capfd, "scan", plant, "--history", tmp_path / "h.db")
+    assert done.status == 2 and [path.name for path in tmp_path.iterdir()] == ["h.db"]
+
+
 def test_json_is_one_document_on_standard_output(capfd, plant):
     done = run(capfd, "scan", plant, "--format", "json")
     found = json.loads(done.out)

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from backlash_cli import scratch
 from backlash_cli.api import scan_files
 from backlash_cli.errors import BacklashError
-from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, tables
+from backlash_cli.loaders import Plant, ReadOptions, clean, opening, read, signals, tables
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.signals import Store
 from backlash_cli.record import SampleState, failure

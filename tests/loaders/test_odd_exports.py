@@ -8,6 +8,7 @@ import io
 import tarfile
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -636,6 +637,29 @@ def test_a_file_of_each_signal_may_have_a_column_per_loop(tmp_path):
 @pytest.mark.parametrize("form", ["101 <{}.{}> (VDC)", "{}-{}.UNIT1@NET0", "{}.{}@SRV1", "{}.{}.UNIT@NET", "{}!{}"])
 def test_names_of_loggers_and_points_of_networks(tmp_path, form):
     equals_the_recording(read(save(tmp_path, wide(name=lambda n: form.format(*n.split(".")))))["FIC101"])
+
+
+def test_rows_that_are_lost_are_counted_and_the_line_of_the_first_is_named(tmp_path):
+    lines = long(lambda n, t, v: f"{n},{iso(t)},{v}", "tag,time,value").splitlines()
+    for row in range(100, 1000, 10):
+        lines[row] = "," + lines[row].partition(",")[2]
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert any(note.code == "no_tag" and "90 rows" in note.message for note in record.notes)
+    lines = wide().splitlines()
+    lines[333] = "SERVICE STOPPED"
+    note, = (n for n in read(save(tmp_path, "\n".join(lines) + "\n")).warnings if n.code == "ragged_rows")
+    assert "1 rows" in note.message and "line 334" in note.message
+
+
+def test_records_where_pv_has_none_are_told(tmp_path):
+    stamps = np.array(STAMPS, "M8[us]")
+    for part, rows in enumerate((slice(0, 250), slice(250, None))):
+        columns = {"time": stamps[rows], **{s: SIGNALS[f"FIC101.{s}"][rows] for s in ("SP", "PV", "OP")}}
+        pq.write_table(pa.table({k: v for k, v in columns.items() if part == 0 or k != "PV"}),
+                       tmp_path / f"part-{part}.parquet")
+    folder = tmp_path.rename(tmp_path.parent / "FIC101")
+    record, = read(folder)
+    assert len(record) == 250 and any(note.code == "outside_pv" and "58 %" in note.message for note in record.notes)
 
 
 def test_lines_above_tell_start_and_interval_of_counted_rows(tmp_path):

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backlash_cli.holes import short_holes
 from backlash_cli.record import runs
-from backlash_cli.samples import frozen, judged, saturated
+from backlash_cli.samples import frozen, judged, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)
