@@ -21,6 +21,7 @@ from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
+_LATER = re.compile("ingest|load|insert|server|enqueue|arriv|receiv|creat|process")  # not when it was measured
 _OPC = frozenset(range(0, 256, 4)) | {216, 219}
 
 
@@ -199,7 +200,8 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if dates and of_day[len(halves) :]:
         return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
-    best = min(utc or columns, key=lambda i: (not head.is_time(i), not is_column(head.names[i], "time")))
+    best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(_LATER.match(head.plain[i])),
+                                              not is_column(head.names[i], "time")))
     return (best, *halves), {*columns, *halves}
 
 
@@ -216,7 +218,9 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     named = [i for i in texts if head.plain[i] in TAG]
     if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
         rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
-        groups = [i for i in rest if head.plain[i] in GROUPS] or [i for i in rest if i in named] or rest
+        group = [i for i in rest if head.plain[i] in GROUPS]
+        groups = [i for i in group if head.plain[i] != "measurement"] or (
+            [i for i in rest if i in named] or group or rest)  # a tag tells more than a measurement of InfluxDB
         if groups:
             return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
     if whole:

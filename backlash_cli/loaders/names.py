@@ -109,7 +109,7 @@ def split_tag(text: str) -> Tag:
     pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     if len(pieces) == 2 and signal_role(pieces[0]) and re.fullmatch(_TAG, pieces[1]):  # SP (FIC101)
         return split_tag(f"{pieces[1]}.{pieces[0]}")
-    if is_column(name, "tag", "value") and not signal_role(name):  # measure_name
+    if (is_column(name, "tag", "value") or plain(name) in COLUMNS["time"]) and not signal_role(name):  # measure_name
         return Tag("", "", name)
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:

@@ -420,7 +420,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     rows = [cells[1:] if len(cells) > width and kinds[0] == "time" and is_column(cells[0], "time") and is_column(
         cells[1], "time", "clock") else cells for cells in rows]  # Date, Time above cells that hold both
     rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
-    rows = [cells for cells in rows if _spans(cells, width)]
+    rows = [cells for cells in rows if _spans(cells, width) and (  # no period, as End, *
+        score_names(cells) > 0 or not is_column(cells[0], "start", "bound"))]
     notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
     rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
