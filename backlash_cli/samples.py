@@ -1,5 +1,4 @@
-"""Which samples of a loop count (frozen, saturated, implausible, missing and filled ones, lone zeros), and what holds
-between them: values on straight lines, held until the next record, or lost where a hole is too long."""
+"""Which samples of a loop count (none frozen, saturated, implausible, missing), and what holds between its records."""
 
 from collections import Counter
 

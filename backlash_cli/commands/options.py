@@ -121,10 +121,13 @@ def command(name: str) -> click.Command:
     """Make a command, which never writes over what it reads; its words and options: `commands.toml`."""
 
     def run(**given: Any) -> int | None:
-        read = [path for path in (*given.get("inputs", ()), given.get("loops")) if isinstance(path, Path)]
-        for path in map(given.get, WRITTEN):
-            if isinstance(path, Path) and path.is_file() and (path.name.endswith(("loops.toml", "loops.csv")) or any(
-                    path.samefile(one) for one in read if one.exists())):
+        if there := [path for path in map(given.get, WRITTEN) if isinstance(path, Path) and path.is_file()]:
+            from ..loaders.sources import find_sidecars, find_sources
+
+            inputs = given.get("inputs", ())
+            beside = find_sidecars(inputs, find_sources(inputs)) if inputs else []
+            read = [one for one in (*inputs, given.get("loops"), *beside) if isinstance(one, Path) and one.exists()]
+            if path := next((path for path in there if any(map(path.samefile, read))), None):
                 raise UsageError("this is the export itself, or its settings", where=f"{path}", remedy="choose another")
         return function_of(name)(**given)
 

@@ -48,6 +48,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
+    if history is not None and history.is_file():  # refused before hours of work, if it is none
+        History(history, say=say).db.close()
     with contextlib.ExitStack() as stack:
         if demo:
             export = stack.enter_context(sample_plant(export, shown=not quiet))
@@ -173,8 +175,6 @@ def kept(history: Path | None, scan: Iterable[object], *, resume: bool) -> Itera
             raise refusal(UsageError, "resume_without_history", "--resume")
         yield None
         return
-    if history.is_file():  # refused before hours of work, if it is none
-        History(history, say=say).db.close()
     with contextlib.closing(Unfinished(history, scan, resume=resume)) as keep:
         yield keep
         keep.close(ended=True)

@@ -187,8 +187,8 @@ class _Making:
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
         if signal.times is not self.times:
             self.notes.append(noted(f"expanded:{self.recipe.options.interpolation or 'hold'}", role=role.upper()))
-            own, (first, *_, last) = signal.times.micros[np.isfinite(signal.values)], self.order.stamps
-            outside = float(np.mean((own < first) | (own > last))) if len(own) else 0.0
+            own, stamps = signal.times.micros[np.isfinite(signal.values)], self.order.stamps
+            outside = float(np.mean((own < stamps[0]) | (own > stamps[-1]))) if len(own) else 0.0
             if outside > 0.02 and self.joiner.only is None:
                 self.notes.append(noted("outside_pv", percent=100 * outside, role=role.upper()))
         return self._carried_on(signal, role, grid)

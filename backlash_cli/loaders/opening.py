@@ -322,11 +322,10 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         *pairwise(row), *(cell.partition(":")[::2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"
     loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home) or next((
-        found[1] for row in ([cell for name, cell in above if is_column(name, "tag")], *reversed(before.values()))
-        if (found := TITLE.fullmatch("".join(row)))), "")
-    return Head(where, stem, names, (), kinds, title if titled else loop, options.decimal or decimal_sign(numbers,
-                "," if only_commas else "."), delimiter, lines[first][0], lines[first][1], end,
-                0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
+        found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
+    return Head(where, stem, names, (), kinds, title if titled else loop,
+                options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
+                end, 0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
 
 
 def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:
@@ -420,8 +419,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     rows = [cells[1:] if len(cells) > width and kinds[0] == "time" and is_column(cells[0], "time") and is_column(
         cells[1], "time", "clock") else cells for cells in rows]  # Date, Time above cells that hold both
     rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
-    rows = [cells for cells in rows if _spans(cells, width) and (  # no period, as End, *
-        score_names(cells) > 0 or not is_column(cells[0], "start", "bound"))]
+    rows = [cells for cells in rows if _spans(cells, width)]
     notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
     rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
@@ -442,7 +440,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
         for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
             joined = _joined(names, other, kinds)
-            if len(set(joined)) > len(set(names)) and "time" not in map(kind, other):  # no beginning, no end
+            if len(set(joined)) > len(set(names)) and "time" not in map(kind, other) and not is_column(
+                    other[0], "start", "bound"):  # no beginning, no end
                 return tuple(joined)
     for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
         if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (

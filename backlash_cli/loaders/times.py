@@ -15,7 +15,7 @@ from ..errors import InputError
 from ..record import FloatArray, IntArray, Note
 from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
 from .grid import DAY, HOUR, LIKELY, NAT, SECOND
-from .names import WORDS, explained, noted, plain
+from .names import COLUMNS, WORDS, explained, noted, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
@@ -153,8 +153,8 @@ class StampReader:
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
-        self._unit, self._interval = "", interval  # of stamps that are numbers
-        self._factor = self._zero = 0.0  # microseconds of one, and the first, where the interval tells it
+        self._unit, self._interval = "", 0 if self.form else interval  # of stamps that are numbers
+        self._scale: tuple[float, float, bool] | None = None  # as in _UNITS, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
@@ -365,20 +365,21 @@ class StampReader:
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:
-                # rows are counted, or the interval is written in the unit of the times
-                step = float(np.median(np.diff(known[:1000]))) if len(known) > 1 and not self.form else 0.0
-                if step > 0 and (step == 1.0 or any(self._interval == step * factor for factor, *_ in _UNITS.values())):
-                    self._factor, self._zero = self._interval / step, known[0] * (step == 1.0)
-                code, unit = ("day_above" if self._start else "relative_time"), f"steps of {self._interval / 1e6:g} s"
-                self.notes.append(noted(code, column=self.name, unit=unit if self._factor else self._unit,
-                                        start=self._from))
+                step = float(np.median(np.diff(known[:1000]))) if self._interval and len(known) > 1 else 0.0
+                counts = step == 1.0 and plain(self.name) in COLUMNS["counter"]  # rows
+                # or the interval is written in the unit of the times, which their name does not tell
+                if counts or (step > 0 and not re.search(r"[\[(]", self.name) and any(
+                        self._interval == step * factor for factor, *_ in _UNITS.values())):
+                    self._scale = self._interval / step, float(known[0]) * counts, False
+                code = "day_above" if self._start else "relative_time"
+                unit = f"steps of {self._interval / 1e6:g} s" if self._scale else self._unit
+                self.notes.append(noted(code, column=self.name, unit=unit, start=self._from))
         if self._unit == "digits":
             text = pa.array(values, from_pandas=True).cast(pa.int64(), safe=False).cast(pa.string())
             if np.median(known) < 1e6:  # 260317 may be open, as 26-03-17 is
                 text = pc.replace_substring_regex(pc.utf8_lpad(text, 6, "0"), r"^(\d\d)(\d\d)(\d\d)$", r"\1-\2-\3")
             return self._texts(text)
-        factor, zero, absolute = _UNITS[self._unit]
-        factor, zero = (self._factor, self._zero) if self._factor else (factor, zero)
+        factor, zero, absolute = self._scale or _UNITS[self._unit]
         self._zones.add(None if self._unit.startswith("epoch") or not absolute else False)
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor + self._start * (not absolute)

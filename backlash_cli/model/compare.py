@@ -59,9 +59,10 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         fitness = Fitness(rmse, holdout, {n: FittedParameter(getattr(model, n), unit) for n, unit in units.items()})
     return Comparison(loop=record.loop, baseline=base, fitness=fitness, fitted=model is None, noise_floor=problem.floor,
         seen=seen, where=regions(problem, distance(problem, recorders, predicted), shape),
-        effects=tuple(described(part, part.values) for part in parts), unexplained=unexplained(fitness.rmse_holdout,
-        base.rmse_holdout, problem.floor), reasons=reasons, warnings=notes(problem, record, model),
-        series=series_of(problem, predicted, shape), settings=record.settings, model=kept)
+        effects=tuple(described(part, part.values) for part in parts),
+        unexplained=unexplained(fitness.rmse_holdout, base.rmse_holdout, problem.floor), reasons=reasons,
+        warnings=notes(problem, record, model), series=series_of(problem, predicted, shape), settings=record.settings,
+        model=kept)
 
 
 def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]

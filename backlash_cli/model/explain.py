@@ -102,19 +102,21 @@ def assemble(record: Record, best: Looked, model: Model | None) -> Explanation:
     candidates = with_reasons(problem, gain, tried(seen, found, plain, names), names, alikes, siblings, reason, ENOUGH)
     before = distance(problem, (), predicted_by(problem, plain.fit))
     error = distance(problem, held, predicted_by(problem, last.fit))
-    return Explanation(loop=record.loop, baseline=Fitness(plain.rmse, plain.rmse_holdout,
-        process_parameters(seen, plain.fit)), noise_floor=problem.floor, candidates=candidates, steps=tuple(steps),
+    return Explanation(loop=record.loop, noise_floor=problem.floor, candidates=candidates, steps=tuple(steps),
+        baseline=Fitness(plain.rmse, plain.rmse_holdout, process_parameters(seen, plain.fit)),
         effects=tuple(marked(problem, gain, replace(fitted[n], confidence=sure[n])) for n in names),
         adequate=found.adequate, rest=Rest(last.rmse_holdout / problem.floor, found.left.goes_with),
-        missing_effect=names[0] if names else None, where=regions(problem, error, last.fit.shape),
-        where_before=regions(problem, before, plain.fit.shape), unexplained=unexplained(last.rmse_holdout,
-        plain.rmse_holdout, problem.floor), look_alikes=alikes, margin=margin(found),
-        verdict=reason.message if reason else "", reasons=reasons, warnings=notes(problem, record, model),
+        missing_effect=names[0] if names else None,
+        where=regions(problem, error, last.fit.shape), where_before=regions(problem, before, plain.fit.shape),
+        unexplained=unexplained(last.rmse_holdout, plain.rmse_holdout, problem.floor), look_alikes=alikes,
+        margin=margin(found), verdict=reason.message if reason else "", reasons=reasons,
+        warnings=notes(problem, record, model),
         series=series_of(problem, predicted_by(problem, last.fit), last.fit.shape), settings=record.settings,
-        final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)), model=kept_model(record, seen,
-        last.fit, held, last.rmse_holdout), details={"gains": {name: found.gain(name) for name in found.without},
-        "left": {"score": found.left.score, "share": found.left.share},
-        "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast}})
+        final=Fitness(last.rmse, last.rmse_holdout, process_parameters(seen, last.fit)),
+        model=kept_model(record, seen, last.fit, held, last.rmse_holdout),
+        details={"gains": {name: found.gain(name) for name in found.without},
+                 "left": {"score": found.left.score, "share": found.left.share},
+                 "noise": {"ratio": last.fit.noise.ratio, "slow": last.fit.noise.slow, "fast": last.fit.noise.fast}})
 
 
 def rungs(problem: Problem, seen: Problem, base: Fit, final: Fit, held: tuple[Part, ...], order: Sequence[str]

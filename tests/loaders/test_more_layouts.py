@@ -156,6 +156,7 @@ MORE = {
     "measured_at": Export({"plant.csv": long(lambda n, t, v: f"{t},{n},{v}", "measured_at,tag,value")}),
     "ingested_later": Export({"plant.csv": long(lambda n, t, v: f"{t + timedelta(seconds=3 + t.second % 5)},{t},{n},{v}", "ingest_ts,event_ts,tag,value")}),
     "period_until_now": Export({"plant.csv": "Start,17-Mar-26 21:40:00" + "," * 15 + "\nEnd,*" + "," * 15 + "\n\n" + ",".join(f"{n},," for n in SIGNALS)[:-1] + "\n" + "".join(",".join(f"{t:%d-%b-%y %H:%M:%S},{cell(n, v[k])}," for n, v in SIGNALS.items())[:-1] + "\n" for k, t in enumerate(STAMPS))}),
+    "interval_starts": Export({"plant.csv": "Start;FT1;FS1;FO1;PT3;PS3;PO3\n" + "".join(";".join([f"{t}", *(cell(n, SIGNALS[n][k]) for n in ("FIC101.PV", "FIC101.SP", "FIC101.OP", "PIC303.PV", "PIC303.SP", "PIC303.OP"))]) + "\n" for k, t in enumerate(STAMPS))}, settings=SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "FT1"\nsp = "FS1"\nop = "FO1"').replace("[loops.PIC303]", '[loops.PIC303]\npv = "PT3"\nsp = "PS3"\nop = "PO3"')),
     "pida": Export({"plant.csv": wide(name=lambda n:n.replace('.','.PIDA.'))}),
     "preamble_wide": Export({"plant.csv": wide(before="Server,HIST01,,,,,\nPeriod,2026-03-17 08:00:00,2026-03-17 10:00:00,,,,\n,,,,,,\n")}),
     "preamble_semi": Export({"plant.csv": wide(before="; comment, one\n; comment, two\n")}),

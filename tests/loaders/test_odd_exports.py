@@ -671,6 +671,8 @@ def test_lines_above_tell_start_and_interval_of_counted_rows(tmp_path):
     table = wide(lambda t: f"{10 * (t - STAMPS[0]).total_seconds():.0f}", time_name="Name", delimiter="\t")
     unit = "SampleTime[ms]\t10" + "\tSampleTime[ms]\t10" * 3 + "\n"
     assert read(save(tmp_path, unit + table))["FIC101"].interval == 0.01
+    named = wide(lambda t: f"{(t - STAMPS[0]).total_seconds():.0f}", time_name="Time (s)")  # each tenth is listed
+    assert read(save(tmp_path, f"Sample interval: 100 ms\n{named}"))["FIC101"].interval == 1.0
     apart = wide(lambda t: f"{5 * (t - STAMPS[0]).total_seconds():.0f}", time_name="Seconds")  # each fifth is listed
     assert read(save(tmp_path, f"Sample interval: 1 s\n{apart}"))["FIC101"].interval == 5.0
 
