@@ -18,7 +18,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
-from .shape import Parameter, Stage, effect
+from .shape import Stage, effect
 
 
 def start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -45,10 +45,8 @@ def speeds(clues: Clues) -> list[Values]:
     return [{"rate": rate} for rate in rates]
 
 
-RATE_LIMIT = effect(
-    "rate_limit", Stage.VALVE,
-    (Parameter("rate", "1/s", "largest speed, spans per second", np.inf, 1e-6, np.inf, (0.001, 0.005, 0.02, 0.1)),),
-    start, step, fitting=Fitting(propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag")))
+RATE_LIMIT = effect("rate_limit", Stage.VALVE, start, step, fitting=Fitting(
+    propose=speeds, rivals=("unequal_speed", "dead_time", "second_lag")))
 
 
 def unequal_speeds(clues: Clues) -> list[Values]:
@@ -58,8 +56,5 @@ def unequal_speeds(clues: Clues) -> list[Values]:
     return [{"opening": a, "closing": b} for pair in both for a, b in (pair, pair[::-1])]
 
 
-UNEQUAL_SPEED = effect(
-    "unequal_speed", Stage.VALVE,
-    (Parameter("opening", "1/s", "largest speed upwards, spans per second", np.inf, 1e-6, np.inf, (0.005, 0.05)),
-     Parameter("closing", "1/s", "largest speed downwards, spans per second", np.inf, 1e-6, np.inf, (0.05, 0.005))),
-    start, step, fitting=Fitting(propose=unequal_speeds, seldom=True, siblings=("rate_limit",)))
+UNEQUAL_SPEED = effect("unequal_speed", Stage.VALVE, start, step, fitting=Fitting(propose=unequal_speeds, seldom=True,
+    siblings=("rate_limit",)))

@@ -31,7 +31,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
-from .shape import Parameter, Stage, effect
+from .shape import Stage, effect
 
 WIDE_SHARES = (0.55, 0.65, 0.75, 0.85, 0.93)  # gaps worth trying, in travels of the output, beside those of usual size
 NEAR_STICTION = np.array([0.85, 0.92, 1.0])  # gaps in bands of the stiction that is known
@@ -67,10 +67,8 @@ def propose(clues: Clues) -> list[Values]:
     return [{"d": d, "position": place} for d in gaps.tolist() for place in (-0.7, 0.0, 0.7)]
 
 
-EFFECT = effect(
-    "backlash", Stage.VALVE, (Parameter("d", "span", "dead band", 0.0, 0.0, 0.5, (0.005, 0.01, 0.02, 0.04, 0.08)),
-     Parameter("position", "half gap", "stem in the gap at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
-    start, step, fitting=Fitting(propose=propose, rivals=("sensor_hysteresis",), whole=whole, siblings=("stiction",)))
+EFFECT = effect("backlash", Stage.VALVE, start, step, fitting=Fitting(propose=propose, rivals=("sensor_hysteresis",),
+    whole=whole, siblings=("stiction",)))
 
 
 def widths(clues: Clues) -> list[Values]:
@@ -79,10 +77,8 @@ def widths(clues: Clues) -> list[Values]:
     return [{"w": float(w), "position": place} for w in travel * np.geomspace(0.01, 0.35, 7) for place in (-0.7, 0.7)]
 
 
-SENSOR_HYSTERESIS = effect(
-    "sensor_hysteresis", Stage.SENSOR, (Parameter("w", "span", "width of the hysteresis", 0.0, 0.0, 0.3, (0.005, 0.02)),
-     Parameter("position", "half width", "shown value at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True)),
-    start, step, fitting=Fitting(propose=widths, whole=whole, seldom=True, rivals=("backlash", "stiction")))
+SENSOR_HYSTERESIS = effect("sensor_hysteresis", Stage.SENSOR, start, step, fitting=Fitting(propose=widths,
+    whole=whole, seldom=True, rivals=("backlash", "stiction")))
 
 
 def stuck(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -125,10 +121,5 @@ def plausible(values: Values, travel: Callable[[float], float]) -> bool:
     return float(values["J"]) >= LEAST_JUMP * float(values["S"])  # type: ignore[arg-type]
 
 
-STICTION = effect(
-    "stiction", Stage.VALVE, (Parameter("S", "span", "dead band plus stick band", 0.0, 0.0, 0.5, (0.01, 0.02, 0.05)),
-     Parameter("J", "span", "slip jump", 0.0, 0.0, 0.5, (0.005, 0.01, 0.03)),
-     Parameter("position", "half band", "place of the stem at the start", 0.0, -1.0, 1.0, (0.0,), nuisance=True),
-     Parameter("restick", "0 or 1", "1: sticks again after each sample", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
-    stuck, slip_step, fitting=Fitting(
-        propose=bands, search="jumpy", plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",)))
+STICTION = effect("stiction", Stage.VALVE, stuck, slip_step, fitting=Fitting(propose=bands, search="jumpy",
+    plausible=plausible, rivals=("sensor_hysteresis",), siblings=("backlash",)))

@@ -28,7 +28,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values, Whole
-from .shape import Parameter, Stage, Step, effect
+from .shape import Stage, Step, effect
 
 
 def no_memory(*_: object) -> FloatArray:
@@ -51,10 +51,8 @@ def stops(clues: Clues) -> list[Values]:
             for name, side in (("low", 0.0), ("high", 1.0)) for share in shares]
 
 
-SATURATION = effect(
-    "saturation", Stage.VALVE, (Parameter("low", "span", "lower stop", -np.inf, -np.inf, np.inf, (0.1, 0.3)),
-     Parameter("high", "span", "upper stop", np.inf, -np.inf, np.inf, (0.9, 0.7))),
-    no_memory, stop_step, fitting=Fitting(whole=at_once(stop_step), propose=stops))
+SATURATION = effect("saturation", Stage.VALVE, no_memory, stop_step, fitting=Fitting(whole=at_once(stop_step),
+    propose=stops))
 
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -67,14 +65,8 @@ def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
 # gentle to strong curves, bent either way, and linear valves with little to much pipe in series
 BENDS: list[Values] = [{"curvature": c} for c in (-4.0, -2.0, -0.8, 0.8, 2.0, 4.0)]
 BENDS += [{"authority": a} for a in (0.1, 0.3, 0.6)]
-VALVE_CHARACTERISTIC = effect(
-    "valve_characteristic", Stage.VALVE,
-    (Parameter("curvature", "1", "ln of slope at full over slope at closed", 0.0, -6.0, 6.0, (-2.0, -1.0, 1.0, 2.0)),
-     Parameter("authority", "1", "share of the pressure drop over the open valve", 1.0, 0.02, 1.0, (0.2,))),
-    no_memory, flow_step,
+VALVE_CHARACTERISTIC = effect("valve_characteristic", Stage.VALVE, no_memory, flow_step,
     fitting=Fitting(whole=at_once(flow_step), propose=lambda clues: BENDS, rivals=("sensor_curve",)))
 
-SENSOR_CURVE = effect(
-    "sensor_curve", Stage.SENSOR,
-    (Parameter("curvature", "1", "ln of slope at full over slope at nothing", 0.0, -6.0, 6.0, (-2.0, -0.7, 0.7, 2.0)),),
-    no_memory, flow_step, fitting=Fitting(whole=at_once(flow_step), seldom=True, rivals=("valve_characteristic",)))
+SENSOR_CURVE = effect("sensor_curve", Stage.SENSOR, no_memory, flow_step, fitting=Fitting(whole=at_once(flow_step),
+    seldom=True, rivals=("valve_characteristic",)))

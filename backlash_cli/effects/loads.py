@@ -59,7 +59,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Fitting, Values
-from .shape import Parameter, Stage, effect
+from .shape import Stage, effect
 
 UNANSWERED = 1.5  # travels of OP around it that a step may be larger: a slow loop may not be through yet
 
@@ -86,13 +86,9 @@ def step_plausible(values: Values, travel: Callable[[float], float]) -> bool:
     return all(abs(size) <= UNANSWERED * travel(float(time)) for time, size in pairs)
 
 
-LOAD_STEP = effect(
-    "load_step", Stage.LOAD,
-    (Parameter("times", "s", "times of the steps from the first sample", 0.0, 0.0, 1e12, many=True),
-     Parameter("sizes", "OP span", "sizes of the steps", 0.0, -10.0, 10.0, (0.02, -0.02), many=True)),
-    clock, step_step, fitting=Fitting(
-        linear=("sizes",), fixed=("times",), dear=("times",), plausible=step_plausible,
-        propose=lambda clues: [{"times": t, "sizes": (0.0,) * len(t)} for t in clues.step_times(5)]))
+LOAD_STEP = effect("load_step", Stage.LOAD, clock, step_step, fitting=Fitting(
+    linear=("sizes",), fixed=("times",), dear=("times",), plausible=step_plausible,
+    propose=lambda clues: [{"times": t, "sizes": (0.0,) * len(t)} for t in clues.step_times(5)]))
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -120,13 +116,9 @@ def drift_plausible(values: Values, travel: Callable[[float], float]) -> bool:
     return abs(net) >= 0.5 * float(np.sum(np.abs(np.diff(path))))
 
 
-LOAD_DRIFT = effect(
-    "load_drift", Stage.LOAD, (Parameter("slope", "OP span/h", "mean drift of the load", 0.0, -1e3, 1e3, (-0.02, 0.02)),
-     Parameter("length", "s", "length of the record", 0.0, 0.0, 1e12, nuisance=True),
-     Parameter("bends", "OP span", "lies off the straight line by", 0.0, -10.0, 10.0, many=True, nuisance=True)),
-    clock, drift_step, fitting=Fitting(
-        linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
-        propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)]))
+LOAD_DRIFT = effect("load_drift", Stage.LOAD, clock, drift_step, fitting=Fitting(
+    linear=("slope", "bends"), fixed=("length",), plausible=drift_plausible,
+    propose=lambda clues: [{"slope": 0.0, "length": clues.duration, "bends": (0.0,) * n} for n in (0, 1, 3, 5, 8)]))
 
 
 def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -135,14 +127,9 @@ def swing_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value if p[1] == 0.0 else value + p[1] * math.sin(2.0 * math.pi * now / p[0] + p[2])
 
 
-EXTERNAL_OSCILLATION = effect(
-    "external_oscillation", Stage.LOAD,
-    (Parameter("period", "s", "period of the swing", 60.0, 1e-6, 1e9, (10.0, 60.0, 300.0)),
-     Parameter("amplitude", "span", "amplitude of the swing", 0.0, 0.0, 10.0, (0.01,)),
-     Parameter("phase", "rad", "phase at the first sample", 0.0, -7.0, 7.0, (0.0,), nuisance=True)),
-    clock, swing_step, fitting=Fitting(
-        linear=("amplitude",), phase="phase", dear=("period",),
-        propose=lambda clues: [{"period": t, "amplitude": 0.0, "phase": 0.0} for t in clues.periods(3)]))
+EXTERNAL_OSCILLATION = effect("external_oscillation", Stage.LOAD, clock, swing_step, fitting=Fitting(
+    linear=("amplitude",), phase="phase", dear=("period",),
+    propose=lambda clues: [{"period": t, "amplitude": 0.0, "phase": 0.0} for t in clues.periods(3)]))
 
 
 def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -150,10 +137,8 @@ def column_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value if p[0] == 0.0 else value + p[0] * state[int(state[0])]
 
 
-MEASURED_DISTURBANCE = effect(
-    "measured_disturbance", Stage.LOAD,
-    (Parameter("gain", "OP span per column unit", "how strongly the column pushes", 0.0, -1e9, 1e9),),
-    lambda p, interval, first: np.zeros(1), column_step, column=True, fitting=Fitting(linear=("gain",)))
+MEASURED_DISTURBANCE = effect("measured_disturbance", Stage.LOAD, lambda p, interval, first: np.zeros(1), column_step,
+    column=True, fitting=Fitting(linear=("gain",)))
 
 
 def coloured_start(density: float, bandwidth: float, interval: float) -> FloatArray:
@@ -187,13 +172,9 @@ def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 
 MEASUREMENT_NOISE = effect(
-    "measurement_noise", Stage.SENSOR,
-    (Parameter("density", "span^2 s", "two-sided density at low frequency (sd^2 x hold time)", 0.0, 0.0, 1.0),
-     Parameter("bandwidth", "rad/s", "corner frequency, inf is white", np.inf, 1e-9, np.inf)),
-    lambda p, interval, first: coloured_start(p[0], p[1], interval), coloured_step, draws=2, fitted=False)
+    "measurement_noise", Stage.SENSOR, lambda p, interval, first: coloured_start(p[0], p[1], interval),
+    coloured_step, draws=2, fitted=False)
 
 RANDOM_LOAD = effect(
-    "random_load", Stage.LOAD, (Parameter("sd", "OP span", "standard deviation", 0.0, 0.0, 10.0),
-     Parameter("time_constant", "s", "time over which it forgets", 60.0, 1e-6, 1e9)),
-    lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval), coloured_step,
-    draws=2, fitted=False)
+    "random_load", Stage.LOAD, lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval),
+    coloured_step, draws=2, fitted=False)

@@ -28,7 +28,7 @@ from ..errors import MetadataError
 from ..record import FloatArray
 from .fitting import Clues, Fitting, Values
 from .loads import clock
-from .shape import Parameter, Stage, effect
+from .shape import Stage, effect
 
 # delayed samples are kept in memory
 MOST_SAMPLES = 10_000_000
@@ -92,11 +92,9 @@ def forgotten(samples: int, h: float, tau: float) -> FloatArray:
     return np.exp(-h / tau * np.arange(samples))
 
 
-DEAD_TIME = effect(
-    "dead_time", Stage.PROCESS, (Parameter("theta", "s", "dead time", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    ring, delay_step, fitting=Fitting(
-        whole=lambda values, p, interval: late(values, p[0] / interval), siblings=("second_lag",),
-        propose=lambda clues: [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]))
+DEAD_TIME = effect("dead_time", Stage.PROCESS, ring, delay_step, fitting=Fitting(
+    whole=lambda values, p, interval: late(values, p[0] / interval), siblings=("second_lag",),
+    propose=lambda clues: [{"theta": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.8, 1.2, 2.0)]))
 
 
 def lag_start(p: FloatArray, interval: float, first: float) -> FloatArray:
@@ -122,12 +120,8 @@ def lagged(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     return values - np.expm1(-ratio) / ratio * (delayed_lag(values, interval, p[0], 0.0) - values)
 
 
-SECOND_LAG = effect(
-    "second_lag", Stage.PROCESS,
-    (Parameter("tau2", "s", "time constant of the second lag", 0.0, 0.0, 1e6, (1.0, 5.0, 20.0, 60.0)),),
-    lag_start, lag_step, fitting=Fitting(
-        whole=lagged, on_loads=True, siblings=("dead_time",),
-        propose=lambda clues: [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]))
+SECOND_LAG = effect("second_lag", Stage.PROCESS, lag_start, lag_step, fitting=Fitting(whole=lagged, on_loads=True,
+    siblings=("dead_time",), propose=lambda clues: [{"tau2": share * clues.lag} for share in (0.1, 0.25, 0.5, 0.9)]))
 
 
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
@@ -145,8 +139,4 @@ def drifts(clues: Clues) -> list[Values]:
     return [{"growth": g / hours, "pivot": place} for g in (-0.6, -0.3, 0.3, 1.0) for place in places]
 
 
-GAIN_DRIFT = effect(
-    "gain_drift", Stage.PROCESS,
-    (Parameter("growth", "1/h", "growth of the gain per hour, as a share", 0.0, -1e3, 1e3, (-0.1, 0.1)),
-     Parameter("pivot", "OP span", "signal at which it does not show", 0.0, -2.0, 3.0, (0.0,), nuisance=True)),
-    clock, drift_step, fitting=Fitting(propose=drifts, seldom=True))
+GAIN_DRIFT = effect("gain_drift", Stage.PROCESS, clock, drift_step, fitting=Fitting(propose=drifts, seldom=True))

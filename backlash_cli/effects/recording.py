@@ -22,7 +22,7 @@ import numpy as np
 
 from ..record import FloatArray
 from .fitting import Clues, Fitting
-from .shape import Parameter, Stage, effect
+from .shape import Stage, effect
 
 # share of samples that repeat the one before, above which rounding counts: with white noise of standard deviation s
 # a rounding step q repeats this often at q = 1.5 s, where the rounding error is a fifth of the noise variance
@@ -79,18 +79,10 @@ def shown(clues: Clues) -> tuple[float, str]:
     return recorded_steps(clues.measurement[clues.used])
 
 
-QUANTIZATION = effect(
-    "quantization", Stage.SENSOR,
-    (Parameter("step", "span", "smallest recorded change", 0.0, 0.0, 1.0, (0.001, 0.005, 0.02)),
-     Parameter("hold", "0 or 1", "1: repeats until it moved by a step", 0.0, 0.0, 1.0, choices=(0.0, 1.0))),
-    nothing_kept, recorded_step, fitting=Fitting(
-        fixed=("step", "hold"), bounds=bounds,
-        propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [shown(clues)]
-                               if how in ("rounded", "held")]))
+QUANTIZATION = effect("quantization", Stage.SENSOR, nothing_kept, recorded_step, fitting=Fitting(fixed=("step",
+    "hold"), bounds=bounds, propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step,
+    how in [shown(clues)] if how in ("rounded", "held")]))
 
-EXCEPTION_COMPRESSION = effect(
-    "exception_compression", Stage.SENSOR,
-    (Parameter("deviation", "span", "change below which nothing is recorded", 0.0, 0.0, 1.0),),
-    nothing_kept, recorded_step, fitting=Fitting(
-        fixed=("deviation",), bounds=bounds,
-        propose=lambda clues: [{"deviation": step} for step, how in [shown(clues)] if how == "reported"]))
+EXCEPTION_COMPRESSION = effect("exception_compression", Stage.SENSOR, nothing_kept, recorded_step,
+    fitting=Fitting(fixed=("deviation",), bounds=bounds, propose=lambda clues: [{"deviation": step} for step,
+    how in [shown(clues)] if how == "reported"]))

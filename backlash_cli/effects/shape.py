@@ -21,6 +21,7 @@ from enum import StrEnum
 from functools import lru_cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ..errors import MetadataError, nearest
@@ -166,10 +167,10 @@ def compiled(step: Callable[..., float]) -> Any | None:
     return None
 
 
-def effect(name: str, stage: Stage, parameters: tuple[Parameter, ...], start: Start, step: Step,
-           fitting: Fitting | None = None, **more: Any) -> Effect:
-    """Return an effect of the project, with the sentence, the source and the meaning that words.toml has for it. more:
-    further fields of an Effect."""
+def effect(name: str, stage: Stage, start: Start, step: Step, fitting: Fitting | None = None, **more: Any) -> Effect:
+    """Return an effect of the project, with the sentence, the numbers, the source and the meaning that words.toml has
+    for it. more: further fields of an Effect."""
     if fitting is not None:
         more["fitting"] = replace(fitting, meaning=_TOLD["meaning"][name])
+    parameters = tuple(msgspec.convert(entry, Parameter) for entry in _TOLD["parameters"][name])
     return Effect(name, stage, _TOLD["sentence"][name], _TOLD["source"][name], parameters, start, step, **more)
