@@ -33,6 +33,8 @@ from .terminal import emit, refusal, say
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
 OLDER = "older than look_back"  # and not in the history
+NOTHING = "no export found"  # for one of several inputs
+SAID = (OLDER, "missing", NOTHING)
 
 Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
@@ -46,8 +48,8 @@ def nightly(config: Path, check: bool) -> int:
     done: Done = defaultdict(list)
     if check:
         lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in _exports(settings, done)]
-        emit("".join([*lines, *(f"{day}: {word}\n" for word in (OLDER, "missing") for day in done[word])]))
-        return 0
+        emit("".join([*lines, *(f"{day}: {word}\n" for word in SAID for day in done[word])]))
+        return 3 if done[NOTHING] else 0
     outputs = settings.outputs
     with open_log(settings.log.file, settings.log.format) as log:
         with lock(settings.lock) as stale:
@@ -66,16 +68,16 @@ def nightly(config: Path, check: bool) -> int:
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
                     write_text(outputs.trend, trend(places).json())
-        for word in (OLDER, "missing"):
+        for word in SAID:
             for day in done[word]:
-                log(word, "warning", night=day)
+                log(word, "warning", **{"inputs" if word == NOTHING else "night": day})
         hits = met(rules, newest.loops) if newest else []
         hits += [p.loop for p in places if p.action == PULL and PULL in settings.fail_on]
         done["alarm"] = sorted(set(hits))
         summary = _summary(settings, done, places)
         log("done", summary=summary)
     emit(summary + "\n")
-    return 1 if hits else 3 if done["failed"] or done["incomplete"] else 0
+    return 1 if hits else 3 if done["failed"] or done["incomplete"] or done[NOTHING] else 0
 
 
 @contextlib.contextmanager
@@ -113,6 +115,7 @@ def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     found, done[OLDER] = find_exports(config.inputs, together=config.together, look_back=config.look_back)
     if not found:
         raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
+    done[NOTHING] = [pattern for pattern in config.inputs if not matches(pattern)]
     done["missing"] = missing_days(e.name for e in found if e.date)
     return found
 
@@ -177,7 +180,7 @@ def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
     nights = ", ".join(f"{len(done[word])} {said}" for word, said in (
         ("new", "new"), ("revised", "revised"), ("unchanged", "known")) if done[word]) or "none"
     said = {TO_DO[action]: [p.loop for p in places if p.action == action] for action in (PULL, "room", "watch")}
-    said |= {word: done[word] for word in ("late", OLDER, "missing", "failed", "alarm")}
+    said |= {word: done[word] for word in ("late", *SAID, "failed", "alarm")}
     parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(places), 'loop')}",
              f"scanned {some(done['scanned'], 5)} (loop nights: {nights})" if done["scanned"]
              else f"nothing new ({len(done['known'])} known)",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -107,9 +108,18 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
-WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history")  # options that name a result
+# options that name a result
+WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth")
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
          "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
+
+
+class Finite(click.FloatRange):
+    """A number in a range, and no nan."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        return found if math.isfinite(found) else self.fail(f"{value!r} is not a finite number.", param, ctx)
 
 
 def function_of(name: str) -> Callable[..., int | None]:
@@ -121,7 +131,10 @@ def command(name: str) -> click.Command:
     """Make a command, which never writes over what it reads; its words and options: `commands.toml`."""
 
     def run(**given: Any) -> int | None:
-        if there := [path for path in map(given.get, WRITTEN) if isinstance(path, Path) and path.is_file()]:
+        results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
+        if twice := next((path for path in results if results.count(path) > 1), None):
+            raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
+        if there := [path for path in results if path.is_file()]:
             from ..loaders.sources import find_sidecars, find_sources
 
             inputs = given.get("inputs", ())
@@ -147,7 +160,7 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
         kind = click.Choice(words.pop("choices"))
     elif "range" in words:
         ends = words.pop("range")
-        kind = (click.IntRange if isinstance(ends[0], int) else click.FloatRange)(*ends)
+        kind = (click.IntRange if isinstance(ends[0], int) else Finite)(*ends)
     if "help" not in words:
         return click.Argument([name], type=kind, **words)
     switch = (kind is None and "metavar" not in words) or None  # False would take a negative number for an option

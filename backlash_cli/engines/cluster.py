@@ -35,8 +35,7 @@ _LOCAL = {
     "distributed.scheduler.allowed-failures": 1, "distributed.scheduler.worker-saturation": 1.0,
     # a busy machine takes long to start a process again; given up, its work would wait for ever
     "distributed.deploy.lost-worker-timeout": "1 hour", "distributed.worker.multiprocessing-method": "spawn",
-    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1,
-}
+    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1}
 _GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 

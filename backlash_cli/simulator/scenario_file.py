@@ -47,6 +47,8 @@ def parse_scenarios(page: str | Mapping[str, Any], where: str = "scenario") -> t
     _known(document, ("simulation", "loops"), where)
     common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
     _known(common, SIMULATION, f"{where}: [simulation]")
+    for key in common.keys() - {"start"}:  # here, that no loop is blamed
+        _value(get_type_hints(Scenario)[key], common[key], f"{where}: [simulation] {key}")
     if not _table(loops, f"{where}: [loops]"):
         raise MetadataError("there is no loop", where=where, remedy="add a table [loops.NAME]")
     return tuple(_loop(str(name), common, entry, f"{where}: [loops.{name}]", place)
@@ -112,7 +114,8 @@ def _value(kind: Any, value: object, where: str) -> Any:
     if is_dataclass(kind):
         return build(kind, value, where)
     if isinstance(value, bool) is not (kind is bool) or not isinstance(value, int | float) or value != value:
-        raise MetadataError(f"{value!r} is not {'true or false' if kind is bool else 'a number'}", where=where)
+        raise MetadataError(f"{value!r} is not {'true or false' if kind is bool else 'a number'}", where=where,
+                            remedy="" if kind is bool else "without quotes and unit; times are in seconds")
     if kind is int and (value % 1.0 or not 0 <= value < 1e18):
         raise MetadataError(f"{value:g} is not possible", where=where, remedy="0, 1, 2, ...")
     return kind(value) if kind in (int, bool) else float(value)

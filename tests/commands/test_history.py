@@ -175,6 +175,7 @@ def test_trend_table_limits_and_reasons(capfd, db, tmp_path):
     text = run(capfd, "trend", "--history", db, "-v").out
     assert "FIC101  pull" in text and "no trend" in text and "1. FIC101: Pull at the next shutdown" in text
     (tmp_path / "l.toml").write_text('[classes.a]\nlimit = 10\nsource = "ours"\n')
+    assert "'nan' is not a finite number" in run(capfd, "trend", "--history", db, "--horizon", "nan").err
     done = run(capfd, "trend", "--history", db, "--limits", tmp_path / "l.toml", "--horizon", 30, "-o", tmp_path / "t")
     assert done.status == 0 and done.out == ""
     assert " 10 " in (tmp_path / "t").read_text()

@@ -93,6 +93,16 @@ def test_nothing_at_all_is_an_error_with_a_remedy(capfd, job):
     assert done.status == 2 and "none of 1 exports could be read" in done.err
 
 
+def test_an_input_without_an_export_is_named(capfd, job):
+    export(job, 1)
+    (job / "n.toml").write_text(CONFIG.replace('["p_{date}.csv"]', '["p_{date}.csv", "gone.csv"]'))
+    done = run(capfd, "nightly", job / "n.toml", "--check")
+    assert done.status == 3 and done.out.splitlines()[-1].endswith("gone.csv: no export found")
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 3 and "no export found " in done.out and "scanned 2026-03-01" in done.out
+    assert [e["inputs"].endswith("gone.csv") for e in events(job) if e["event"] == "no export found"] == [True]
+
+
 def test_a_rule_that_is_met_makes_the_status_1(capfd, job):
     export(job, 1)
     (job / "n.toml").write_text(CONFIG.replace("d>90%", "no_such"))

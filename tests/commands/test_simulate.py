@@ -35,6 +35,11 @@ def test_writes_export_settings_and_truth(run, tmp_path):
     assert "EXAMPLE2,backlash,d,0.03,span" in (tmp_path / "e2.truth.csv").read_text()
 
 
+def test_two_results_have_two_names(run):
+    with pytest.raises(BacklashError, match="two results cannot have one name"):
+        run("example-2", "--out", "a.csv", "--truth", "a.csv")
+
+
 def test_layouts_and_formats_agree(run):
     run("industrial-fixed", "--out", "a.csv")
     run("industrial-fixed", "--out", "a.parquet", "--force")

@@ -71,6 +71,7 @@ def test_named_scenarios_run(name):
         ("Ti = 28.0, ", "", "controller: needs Ti"),
         ("Ti = 28.0", 'Ti = "fast"', "controller.Ti: 'fast' is not a number"),
         ("duration = 100.0", "", "needs duration"),
+        ("duration = 100.0", 'duration = "2 h"', r"\[simulation\] duration: '2 h' is not a number -> without quotes"),
         ("duration = 100.0", "duration = -1.0", r"loops.FIC1\]: duration = -1"),
         ("step = 0.1", "step = 0.3", "record_interval = 1 s is not a multiple"),
         ("scheme = 9", "scheme = 5", "scheme 5"),
