@@ -40,6 +40,7 @@ class LoopCheck(Frozen):
         if self.failure is not None:
             return Note("failed", f"not checked: {self.failure.message}")
         quality = () if self.quality is None else self.quality.notes
+        quality = (*(note for note in self.notes if "effect" in note.values), *quality)
         heaviest = quality[0].values["effect"] if quality else "info"
         if heaviest == "blocks":
             return Note("blocks", f"no verdict possible: {quality[0].message}")

@@ -173,7 +173,8 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
-            found.append(noted(_KINDS[kind][1], {"samples": float(counts[kind])}, of=samples))
+            effect = {"effect": "blocks"} if kind == "apart" else {}  # not the signals of one loop: no verdict
+            found.append(noted(_KINDS[kind][1], {"samples": float(counts[kind]), **effect}, of=samples))
     return found
 
 
@@ -185,7 +186,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
-    missing, off = ~np.isfinite(y), None if sp is None else sp - y
+    missing, off = ~np.isfinite(y), None if sp is None else sp - pv
     off = None if off is None else np.abs(off, out=off)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,

@@ -161,8 +161,9 @@ class LoopScanner:
             warnings.append(noted("rule_left_out", {"why": refusal.code}, message=refusal.message))
             cluster, said, oscillation, watched = None, (), (0.0, 0.0), 0.0
         output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
+        on_quality = (*(note for note in warnings if "effect" in note.values), *quality.notes, *on_settings)
         decision = decide(Findings(cluster, report.detections, report.long_half_periods, oscillation, watched,
-                                   confirmation, (*quality.notes, *on_settings), rounding, said, manual))
+                                   confirmation, on_quality, rounding, said, manual))
         reasons, compensator = decision.reasons, None
         if decision.verdict is Verdict.CANNOT_TELL:
             reasons = (*contradictions, *reasons)

@@ -146,3 +146,12 @@ def test_a_record_of_few_samples_per_integral_time_clears_no_valve():
                                   settings=record.settings)
         found = scan(thin)
         assert found.verdict is Verdict.CANNOT_TELL and found.reasons[0].code == "sampling_too_coarse"
+
+
+def test_signals_that_are_not_of_one_loop_get_no_verdict(tmp_path):
+    """PV of another loop: 1.5 spans, where SP is 0.5; most of its samples count as spikes, and lie apart as well."""
+    rows = [f"{k},{50 + k % 3},{148 + 5 * np.sin(k / 9):.2f},{40 + 5 * np.cos(k / 9):.2f}" for k in range(3000)]
+    (tmp_path / "p.csv").write_text("\n".join(["time,F1.SP,F1.PV,F1.OP", *rows]))
+    (tmp_path / "loops.toml").write_text("[loops.F1]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\nop_range = [0, 100]\n")
+    report = scan(read(tmp_path / "p.csv")["F1"])
+    assert report.verdict is Verdict.CANNOT_TELL and report.reasons[0].code == "setpoint_apart"
