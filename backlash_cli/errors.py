@@ -58,7 +58,7 @@ def nearest(name: str, known: Iterable[object]) -> str:
     return f"known: {some(names, 12)}" if names else "none are known here"
 
 
-def some(words: Sequence[str], most: int = 8) -> str:
-    """Return the first of some words, shortened, to be shown in a message."""
-    shown = ", ".join(word.strip()[:40] or "(blank)" for word in words[:most])
+def some(words: Sequence[str], most: int = 8, size: int = 40) -> str:
+    """Return the first of some words, shortened to a size, to be shown in a message."""
+    shown = ", ".join(word.strip()[:size] or "(blank)" for word in words[:most])
     return f"{shown} and {len(words) - most} more" if len(words) > most else shown

@@ -68,9 +68,10 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     if shifted is not None:
         stamps = shifted
     elif len(back):
+        half = np.abs(np.diff(stamps)[back] + DAY // 2) < HOUR // 2  # 12:59 is followed by 01:00
+        notes.append(noted("unsorted:half_day" if half.all() else "unsorted", {"steps": float(len(back))}))
         turn = np.argsort(stamps, kind="stable")
         stamps, rows, values = stamps[turn], rows[turn], values[turn]
-        notes.append(noted("unsorted", {"steps": float(len(back))}))
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     differ = _differ(values[repeats], values[repeats + 1], values)
     of_file = np.searchsorted(parts, rows, side="right")

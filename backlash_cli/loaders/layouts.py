@@ -269,13 +269,13 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
     marked = signals if of_row else next(
         (own for own in (roles, signals) if len(own) == len(alike) and len(kinds) == 1), [])
     quality = {i: head.qualities(alike) if of_row else (alike[k],) for k, i in enumerate(marked)}
-    owners = {(head.tags[i].loop, head.tags[i].role): i for i in roles}
+    owners, there = {(head.tags[i].loop, head.tags[i].role): i for i in roles}, {*values}
     for i in (i for i in values if not marked or i not in alike):
         tag, of, before = head.tags[i], split_tag(head.tags[i].of), i - 1
         of_loop = owners.get((tag.of, "pv"), -1) if head.marks(i) or re.search("bad|qual|valid", head.plain[i]) else -1
         owner = -1 if tag.role != "quality" else head.names.index(tag.of) if tag.of in head.names else owners.get(
             (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
-        if owner < 0 and before in values and before not in alike and (
+        if owner < 0 and before in there and before not in alike and (
                 not tag.of or head.tags[before].loop == tag.loop) and (
                 tag.role == "quality" or is_column(head.names[i], "quality")
                 or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):

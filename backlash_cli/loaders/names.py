@@ -16,7 +16,7 @@ BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  #
 NESTED_LIMIT = 500  # longer names are taken apart once only
 _PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~! \n])+)([^.,\-_/:\\|#$~! \n]+)")
 _BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
-_SERVER = re.compile(r"^(?:\\\\[^\\]+\\|nsu?=[^;]*;[isgb]=|HMI_RT_\d+::|\$HS)|(?:\.(?!(?i:SP|PV|OP|MV|OUT)@)\w+)?@\w+$")
+_SERVER = re.compile(WORDS["lines"]["server"])
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _TAG = r"(?=[A-Z]*C)[A-Z]{2,5}[-_ ]?\d+[A-Z]?"  # of a controller (ISA 5.1): FIC101, TRC-2A
 TITLE = re.compile(rf"\W*(?:\w+\W+)?({_TAG})\W*")  # [FIC101], # Loop FIC101: a line above a table
@@ -24,11 +24,8 @@ _UNIT = re.compile(rf"\s*(?:\[(?!{_TAG})[^\]]*\]|\((?!{_TAG})[^)]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
 _TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
-_DATED = re.compile(r"(?:[ _.-]+(?:(?:19|20)\d\d[-_.]?(?:0[1-9]|1[0-2])[-_.]?(?:0[1-9]|[12]\d|3[01])"
-                    r"|(?:0[1-9]|[12]\d|3[01])[-_.](?:0[1-9]|1[0-2])[-_.](?:19|20)\d\d)"
-                    r"(?:[ _T.-]?\d\d[-_:.h]?\d\d(?:[-_:.m]?\d\d)?)?)+$")
-_GLUED = re.compile(r"(?<=\d)(?=(?:SP|SV|PV|OP|MV|CO|OUT|MODE|MD|[\u2e80-\u9fff\uac00-\ud7af]+)$)"  # FIC101PV
-                    r"|(?<=^(?:SP|SV|PV|OP|MV))(?=\d{1,3}$)")  # PV1
+_DATED = re.compile(WORDS["lines"]["dated"])
+_GLUED = re.compile(WORDS["lines"]["glued"])
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -42,7 +39,7 @@ class Tag(Frozen):
     of: str = ""
 
 
-@lru_cache(1 << 16)
+@lru_cache(1 << 18)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
     return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", _UNIT.sub("", text)).lower()
@@ -101,7 +98,7 @@ def in_labels(text: str) -> str:
                 text.rpartition("=")[2])
 
 
-@lru_cache(maxsize=65536)
+@lru_cache(1 << 18)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
     name = _GLUED.sub(" ", _SERVER.sub("", text.strip()))

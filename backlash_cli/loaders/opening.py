@@ -26,7 +26,7 @@ from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head
 from .names import COLUMNS, SIGNALS, TITLE, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
-from .options import ReadOptions
+from .options import DELIMITERS, ReadOptions
 from .sources import day_of, is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
@@ -42,23 +42,17 @@ _MARKS = {"utf-8": (codecs.BOM_UTF8,), "utf-32": (codecs.BOM_UTF32_LE, codecs.BO
           "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}  # that of utf-32 begins with that of utf-16
 CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254")  # the first without signs
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
-_NUMBER = re.compile(
-    r"^[+-]?(?:\d{1,3}(?:[ .,'’\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?$"
-    r"|^[+-]?(?:inf(?:inity)?|nan|1\.#\w+)$", re.IGNORECASE)
+_NUMBER = re.compile(WORDS["lines"]["number"], re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 WORKBOOKS = (".xlsx", ".xlsm")
-DELIMITERS = (",", ";", "\t", "|", " ")
-# Lines of columns that blanks align, lines that are one cell in quotes each, and cells that a spreadsheet is to take as
-# they are, ="5.30": what is put in the place of what.
-_REWRITTEN = ((re.compile(r"^(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*\S  +\S(?:[^\t;|,]|(?<=\d),(?=\d+(?:\s|$)))*$"),
-    ((re.compile(rb"(?m)^ +| +(?=\r?$)"), b""), (re.compile(rb"  +"), b"\t"))),
-    (re.compile(r'^"(?:[^"]|"")*[,;\t](?:[^"]|"")*"$'),
-    ((re.compile(rb'(?m)^"|"(?=\r?$)'), b""), (re.compile(rb'""'), b'"'))),
-    (re.compile(r'^="[^"]*"(?:[,;\t]="[^"]*")*$'), ((re.compile(rb'="([^"\r\n]*)"'), rb'"\1"'),)))
+# tests of a line, each with what is put in the place of what where most lines pass it
+_REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
+              for test, *changes in WORDS["lines"]["rewritten"]]
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
 _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
+_MIRRORED = str.maketrans(",.", ".,")
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
 Line = tuple[int, int, str]
@@ -290,9 +284,10 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         named = all(score_names(cells(i)) > 0 for i in range(min(10, len(lines))))
-        name = ("wrong_delimiter" if width < 2 and options.delimiter else "only_a_header" if named else
-                "no_columns" if width < 2 else "no_measurements")
-        raise InputError(**explained(name, delimiter=options.delimiter), where=where)
+        late = (options.header_row or 0) >= lines[-1][0]
+        name = ("late_header" if late else "wrong_delimiter" if width < 2 and options.delimiter else "only_a_header"
+                if named else "no_columns" if width < 2 else "no_numbers" if "time" in kinds else "no_measurements")
+        raise InputError(**explained(name, delimiter=options.delimiter, row=options.header_row), where=where)
     before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
@@ -305,7 +300,8 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}
     names = header_of(before, kinds, options, where)
-    kinds = tuple("clock" if kinds.count("time") > 1 and is_column(name, "clock") and all(
+    several = kinds.count("time") > 1
+    kinds = tuple("clock" if several and is_column(name, "clock") and all(
         DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
     every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [
@@ -313,6 +309,9 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
     only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
     numbers = commas if delimiter == "," else every
+    mirrored = every if options.decimal == "." else [number.translate(_MIRRORED) for number in every]
+    if options.decimal and decimal_sign(mirrored, ".") == ",":
+        raise InputError(**explained("decimal_wrong", decimal=options.decimal, number=max(every, key=len)), where=where)
     if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":
         text.notes.append(noted("decimal_comma", number=numbers[0]))
     whole = (split_tag(c) for row in before.values() for c in row)

@@ -120,7 +120,8 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
         """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""
         lost = tuple(sorted(more, key=lambda note: str(note.values["loop"])))
         if lost and not read:
-            raise LoopError("no loop could be read; " * (len(lost) > 1) + lost[0].message, code=lost[0].code)
+            said = some([note.message for note in lost], 3, 400)
+            raise LoopError("no loop could be read; " * (len(lost) > 1) + said, code=lost[0].code)
         return lost
 
 
@@ -138,9 +139,8 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
     for source in sources:
         try:
-            found, notes = signals_of_file(source, options, needed, room, taken)
-            series += found
-            warnings += notes
+            found, notes, lost = signals_of_file(source, options, needed, room, taken)
+            series, warnings, problems = series + found, warnings + notes, problems | lost
         except (BacklashError, ArrowException, OverflowError, MemoryError, OSError, ValueError) as error:
             text = str(error).strip().split("\n")[0][:300] or type(error).__name__
             problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
@@ -166,7 +166,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     if options.since is not None:
         wanted, notes, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
-    warnings += _unmatched(all_loops, metadata)
+    warnings += _unmatched(all_loops, metadata, complete=not problems)
     recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
                      tuple(failure(error, file=path) for path, error in problems.items()),
@@ -185,7 +185,7 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     return metadata, notes
 
 
-def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Note]:
+def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
     there = {metadata.match(name) for name in series}
     names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
@@ -194,7 +194,8 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata) -> list[Not
     for name in names:
         values = metadata.loops[name].values
         tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))
-        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series))
+        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series)) if complete else (
+            "not all files could be read")
         notes.append(noted("loop_not_found", {"loop": name}, hint=hint))
     return notes
 

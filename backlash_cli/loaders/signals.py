@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
-from ..scratch import Room, Spilled
+from ..scratch import Columns, Piece, Room
 from ..settings import ROLE_KEYS, Metadata
-from .cells import Cells, Lexicon
+from .cells import Cells
 from .grid import NAT, Times
 from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
@@ -26,71 +26,14 @@ MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of man
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
 
-Piece = dict[str, NDArray[Any] | Spilled]  # some rows of several columns
-
-
-class Store:
-    """Columns of equal length that are written once, in pieces, and read often; texts of "v3" by their places in "v3w".
-    grouped: rows are kept by the numbers in the column "group" of each piece. stays: in memory, also when sent."""
-
-    def __init__(self, room: Room, *, grouped: bool = False, stays: bool = False) -> None:
-        self.room, self.grouped, self.stays = room, grouped, stays
-        self.lexicons: dict[str, Lexicon] = {}
-        self.pieces: list[Piece] = []
-        self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
-
-    def add(self, piece: Piece) -> None:
-        starts = np.array([0, len(next(iter(piece.values()), np.zeros(0))[:])])
-        if not starts[1]:
-            return
-        if self.grouped:
-            group = piece["group"][:]
-            turn = np.argsort(group.astype(np.uint16) if group.max() < 1 << 16 else group, kind="stable")
-            starts = np.searchsorted(group[turn], np.arange(int(group.max()) + 2))
-            piece = {name: column[:][turn] for name, column in piece.items() if name != "group"}
-        self.pieces.append(piece)
-        self.starts.append(starts)
-        if (size := sum(column.nbytes for column in piece.values())) <= self.room.left:
-            self.room.left -= size
-        else:
-            self._spill(piece)
-
-    def _spill(self, piece: Piece) -> None:
-        piece |= {name: self.room.spilled(column) for name, column in piece.items() if isinstance(column, np.ndarray)}
-
-    def rows(self, group: int = 0) -> IntArray:
-        """(pieces,) Number of rows of a group in each piece."""
-        return np.array([s[group + 1] - s[group] if group + 1 < len(s) else 0 for s in self.starts], np.int64)
-
-    def read(self, name: str, first: int, last: int, group: int = 0) -> NDArray[Any]:
-        """Return rows of a column, of a group counted within it; what pieces lack is filled up with -1."""
-        parts: list[NDArray[Any]] = []
-        for piece, starts, count in zip(self.pieces, self.starts, self.rows(group).tolist(), strict=True):
-            low, high = max(first, 0), min(last, count)
-            if low < high:
-                own = slice(int(starts[group]) + low, int(starts[group]) + high)
-                parts.append(piece[name][own] if name in piece else np.full(high - low, -1, np.int32))
-            first, last = first - count, last - count
-        return parts[0] if len(parts) == 1 else np.concatenate(parts or [np.zeros(0, np.int64)])
+class Store(Columns):
+    """Stamps and cells of a file: texts of the column "v3" are kept by their places in the lexicon, in "v3w"."""
 
     def cells(self, column: str, first: int, last: int, group: int = 0) -> Cells:
         values, lexicon = self.read(column, first, last, group), self.lexicons.get(column)
         return Cells(values, self.read(f"{column}w", first, last, group), lexicon) if lexicon else Cells(values)
 
-    stamps = read  # [microseconds since 1970 UTC], NAT where unreadable
-
-    def emptied(self) -> Iterator[Piece]:
-        """Yield the pieces, which are gone from here then."""
-        while self.pieces:
-            self.starts.pop(0)
-            piece = self.pieces.pop(0)
-            self.room.left += sum(column.nbytes for column in piece.values())
-            yield piece
-
-    def __getstate__(self) -> dict[str, Any]:
-        for piece in () if self.stays else self.pieces:
-            self._spill(piece)  # so that no process gets a copy of its own
-        return self.__dict__
+    stamps = Columns.read  # [microseconds since 1970 UTC], NAT where unreadable
 
 
 class Axis(Frozen, eq=False):

@@ -27,7 +27,7 @@ from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
-from .options import ReadOptions
+from .options import DELIMITERS, ReadOptions
 from .signals import Axis, Piece, Series, Store
 from .sources import Source, stem_of, told_by
 from .states import mode_words
@@ -37,6 +37,7 @@ TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
+KEPT = 200  # characters of a line that is dropped
 _TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
@@ -76,12 +77,14 @@ class TextTable:
             # a quotation mark that is not closed takes in the rows that follow, without a trace if no cell is missing
             counted = table.num_rows + sum(bad[2] for bad in self._bad[before:])
             within = bytes(block).split(b'"')[1::2] if b'"' in block and block.count(b"\n") > counted else []
-            self._bad += [(0, 0, lost, part[:40].decode(errors="replace")) for part in within if (
+            self._bad += [(0, 0, lost, part[:KEPT].decode(errors="replace")) for part in within if (
                 lost := sum(line.count(mark) + 1 == len(self.head.names) for line in part.split(b"\n")[1:]))]
             if self._bad and not first_bad:
                 # several threads find them in any order
-                places = [block.find(b"\n" + bad[-1].partition("\n")[0].encode()) for bad in self._bad[:50]]
-                first_bad = line + block.count(b"\n", 0, min(places) + 1)
+                begun = [re.escape(text.partition("\n")[0].encode()) + rb"\r?$" * (
+                    len(text) < KEPT and "\n" not in text) for *_, text in self._bad[:50]]
+                place = re.search(rb"(?m)^(?:%s)" % b"|".join(begun), block)
+                first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
             line, rows = line + counted, sum(one.num_rows for one in tables)
             if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
                 yield _columns(tables)
@@ -91,9 +94,11 @@ class TextTable:
         if self._bad:
             cells, got, _, text = self._bad[0]
             rows = float(sum(bad[2] for bad in self._bad))
-            code = "ragged_rows:quote" if rows > len(self._bad) or not cells else "ragged_rows"
+            other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
+            quoted = rows > len(self._bad) or not cells
+            code = "ragged_rows:quote" if quoted else "ragged_rows:delimiter" if other else "ragged_rows"
             self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
-                                 text=text)]
+                                 text=text[:40], other=other)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
@@ -101,7 +106,7 @@ class TextTable:
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             lines = 1 + row.text.count("\n")
-            self._bad.append((row.expected_columns, row.actual_columns, lines, row.text[:40]))
+            self._bad.append((row.expected_columns, row.actual_columns, lines, row.text[:KEPT]))
             self.named_again |= score_names(split_line(row.text, self.head.delimiter)) > 0
             return "skip"
 
@@ -153,7 +158,7 @@ class ParquetTable:
         if not self.count:
             raise InputError(**explained("no_rows", below=""), where=self.where)
         self._ends = [*accumulate(about.row_group(k).num_rows for k in range(about.num_row_groups))]
-        fields = [f for f in schema.empty_table().flatten().schema if not pa.types.is_nested(f.type)]  # FIC101.SP
+        fields = [*schema.empty_table().flatten().schema]  # FIC101.SP
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
             twice = next(name for name, count in Counter(self._names).items() if count > 1)
@@ -206,17 +211,19 @@ class ParquetTable:
 
 
 def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
-                    taken: Callable[[int], None]) -> tuple[list[Series], list[Note]]:
-    """Return the signals of a file, and what was noticed; a sheet of remarks is passed over. Raises InputError.
-    needed: says whether samples of a signal are. taken: called with the bytes that were read."""
+                    taken: Callable[[int], None]) -> tuple[list[Series], list[Note], dict[str, InputError]]:
+    """Return the signals of a file, what was noticed, and which files of an archive cannot be read; a sheet of remarks
+    is passed over. Raises InputError. needed: says whether samples of a signal are. taken: called with the bytes that
+    were read."""
     path, stem, kind = source.path, undated(stem_of(source.path.name)), kind_of(source.path)
     if kind == "parquet":
         taken(path.stat().st_size)
     parts: list[tuple[str, Callable[[], Any] | None]] = [*members(path)] if kind == "archive" else [
         (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
-    found, notes, problems = list[Series](), list[Note](), list[InputError]()
+    found, notes, problems, lost = list[Series](), list[Note](), list[InputError](), dict[str, InputError]()
+    packed = len(parts) if kind == "archive" else 0
     books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
-    for name, opened in parts:  # a workbook is followed by its sheets, a text of several tables by these
+    for number, (name, opened) in enumerate(parts):  # a workbook is followed by its sheets, a text by its tables
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
         home = told_by((stem, *folders), file) if kind in ("archive", "workbook") else source.home
         own, signals, problem, text = undated(stem_of(file)), list[Series](), None, None
@@ -235,12 +242,16 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
             parts += [(name, one) for one in below]
         elif problem:
             problems.append(problem)
-            notes.append(noted("passed_over", name=own, error=problem))
+            if number < packed:
+                problem.where = f"{path}: {name}"
+                lost[problem.where] = problem
+            else:
+                notes.append(noted("passed_over", name=own, error=problem))
         elif table:
             found, notes = found + signals, notes + table.notes
     if problems and not found:
         raise problems[0]
-    return found, notes
+    return found, notes, lost
 
 
 def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptions,
@@ -269,7 +280,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
             values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
-            for other in layout.further if i in layout.values else ():
+            for other in layout.further and (layout.further if i in layout.values else ()):
                 more, others = stored(batch[other], words[i], head.decimal, written=isinstance(table, TextTable))
                 codes, others = (np.full(len(values), -1, np.int32) if c is None else c for c in (codes, others))
                 empty = np.isnan(values) & (codes < 0)

@@ -158,6 +158,7 @@ class StampReader:
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
+        self._skipped = 0  # rows in an hour that no clock shows
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None
@@ -232,6 +233,9 @@ class StampReader:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
+        if self._open and np.isnat(days_of(*_readings(np.array(list(self._open), np.int64))[order])).all():
+            what = f"dates that are {order} (for example {self._shown_open!r})"
+            raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         zone = self._zone if False in self._zones else None
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
@@ -248,8 +252,8 @@ class StampReader:
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        doubled = noted("dst_repeated_hour", rows=self._doubled, zone=self.options.timezone)
-        return (*self.notes, doubled) if self._doubled else tuple(self.notes)
+        said, zone = {"dst_repeated_hour": self._doubled, "dst_skipped_hour": self._skipped}, self.options.timezone
+        return (*self.notes, *(noted(code, rows=rows, zone=zone) for code, rows in said.items() if rows))
 
     def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
@@ -261,8 +265,10 @@ class StampReader:
         local = micros[known]
         near = local.clip(-DAY * 700_000, DAY * 2_900_000)  # what a calendar knows
         walls = pd.DatetimeIndex(near.astype("datetime64[us]"))
-        first, second = (local - near + walls.tz_localize(zone, ambiguous=np.full(len(local), summer),
-            nonexistent=pd.Timedelta("1h")).asi8 for summer in (True, False))
+        first, second = (walls.tz_localize(zone, ambiguous=np.full(len(local), summer), nonexistent=pd.Timedelta("1h"))
+                         for summer in (True, False))
+        self._skipped += int(np.count_nonzero(first.tz_localize(None) != walls))
+        first, second = local - near + first.asi8, local - near + second.asi8
         doubled = first != second
         back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)

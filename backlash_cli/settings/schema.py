@@ -15,10 +15,8 @@ from ..words import explained
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
-LOOP_KEYS = (  # limit_class: class of dead-band limit, for the wear report
-    "K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd", "reset",
-    "units", "auto_modes", "description", "limit_class",
-)  # fmt: skip
+LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd",
+             "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
@@ -201,6 +199,14 @@ def settings_of(values: LoopValues | None) -> Settings:
     """Check and convert the settings of one loop. Raises MetadataError naming the key, the value and the remedy."""
     if values is None:
         return Settings(LoopSettings())
+    try:
+        return _settings_of(values)
+    except MetadataError as error:
+        error.where = error.where or values.where
+        raise
+
+
+def _settings_of(values: LoopValues) -> Settings:
     given = values.values
     tuning, notes = to_ideal(given), tuple[Note, ...]()
     times = {key: seconds(given[key], key) for key in ("Tf", "theta") if key in given}

@@ -115,7 +115,6 @@ EXPORTS = {
     "folders_of_signals": Export({f"plant/{n[7:]}/{n[:6]}.csv": "Time,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("plant",)),
     "cells_that_are_to_stay_text": Export({"plant.csv": wide(value=lambda n, v: f"'{cell(n, v)}")}),
     "stamps_in_small_letters": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%dt%H:%M:%Sz}")}),
-    "damaged_workbook_in_an_archive": Export({"plant.zip": packed({"trend.xlsx": b"PK\x03\x04" + bytes(200), **{f"{loop}.csv": single(loop) for loop in RANGES}})}, notes=("passed_over",)),
     "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
 }  # fmt: skip
 

@@ -6,6 +6,8 @@ import datetime as dt
 import gzip
 import io
 import tarfile
+import time
+from datetime import timedelta
 
 import numpy as np
 import pyarrow as pa
@@ -280,11 +282,63 @@ def test_a_damaged_zip_archive_is_refused(tmp_path):
             read(save(tmp_path, damaged, "plant.zip"))
 
 
-def test_what_is_not_used_of_an_archive_is_named(tmp_path):
-    archive = packed({"day.csv": wide(), "remarks.txt": "valve was greased\non Monday\n"})
+def test_files_of_an_archive_that_cannot_be_read_are_failures_as_in_a_folder(tmp_path):
+    archive = packed({"day.csv": wide(), "remarks.txt": "valve was greased\non Monday\n", "old/trend.xlsx": b"PK\3\4"})
     plant = read(save(tmp_path, archive, "plant.zip"))
     assert [r.loop for r in plant] == ["FIC101", "PIC303"]
-    assert "remarks" in next(note.message for note in plant.warnings if note.code == "passed_over")
+    assert [note.message.split(": ")[1] for note in plant.failures] == ["remarks.txt", "old/trend.xlsx"]
+    assert [note.values["file"] for note in plant.failures] == [
+        f"{tmp_path}/plant.zip: {name}" for name in ("remarks.txt", "old/trend.xlsx")]
+
+
+@pytest.mark.parametrize(("text", "options", "said"), [
+    (wide(), {"decimal": ","}, r"',' is not the decimal sign of numbers such as \d+\.\d+ -> mend --decimal"),
+    (wide(delimiter=";", value=lambda n, v: cell(n, v).replace(".", ",")), {"decimal": "."}, "'.' is not the decimal"),
+    (wide(), {"header_row": 9999}, "line 9999 cannot be the header"),
+    (wide(value=lambda n, v: ""), {}, "the rows have times, and no column holds a number"),
+    (wide(lambda t: f"{t:%d/%m/%Y %H:%M:%S}"), {"time_format": "mdy"}, r"dates that are mdy \(for example '17/03/2026"),
+    (long(lambda n, t, v: f"{n},{t:%s}{'000' * (t > STAMPS[300])},{v}", "tag,time,value"), {}, "change their unit"),
+])
+def test_options_and_files_that_contradict_each_other_are_refused(tmp_path, text, options, said):
+    with pytest.raises(BacklashError, match=said):
+        read(save(tmp_path, text), options=ReadOptions(**options))
+
+
+def test_rows_that_are_dropped_are_told_by_their_line_and_cause(tmp_path):
+    text = wide()
+    whole = read(save(tmp_path, text[: text.rindex("T00:04:5") + 8], "cut.csv"))  # so begins a whole row before, too
+    assert "the first is line 601 (1 columns" in next(n.message for n in whole.warnings if n.code == "ragged_rows")
+    head, *lines = text.splitlines()
+    mixed = "\n".join([head, *lines * 6, *(line.replace(",", ";") for line in lines)])  # beyond what tells the form
+    told = next(n.message for n in read(save(tmp_path, mixed, "mixed.csv")).warnings if n.code == "ragged_rows")
+    assert "600 rows were dropped, from line 3602 on" in told and "separated by ';'" in told
+
+
+def test_a_clock_of_12_hours_without_am_and_pm_is_told(tmp_path):
+    plant = read(save(tmp_path, wide(lambda t: f"{t + timedelta(hours=13):%Y-%m-%d %I:%M:%S}")))
+    assert "go back by 12 hours 1 times" in next(n.message for n in plant["FIC101"].notes if n.code == "unsorted")
+
+
+def test_an_hour_that_a_zone_skips_is_told(tmp_path):
+    text = wide(lambda t: f"{t + timedelta(days=11, hours=2, minutes=4):%Y-%m-%d %H:%M:%S}")
+    plant = read(save(tmp_path, text), options=ReadOptions(timezone="Europe/Berlin"))
+    assert "540 rows lie in an hour that Europe/Berlin skips" in next(
+        note.message for note in plant["FIC101"].notes if note.code == "dst_skipped_hour")
+
+
+def test_lists_in_parquet_are_no_numbers(tmp_path):
+    table = pa.table({"time": STAMPS, "F1.SP": [1.0] * ROWS, "F1.PV": [[1.0]] * ROWS, "F1.OP": [5.0] * ROWS})
+    pq.write_table(table, tmp_path / "plant.parquet")
+    with pytest.raises(BacklashError, match=r"600 cells of F1\.PV are no good numbers: list<element: double>"):
+        read(tmp_path / "plant.parquet")
+
+
+def test_ten_thousand_columns_of_no_loop_are_passed_over_soon(tmp_path):
+    lines = wide().splitlines()[:50]
+    text = "\n".join([lines[0] + "".join(f",X{k}" for k in range(10_000)), *(x + ",1" * 10_000 for x in lines[1:])])
+    begun = time.perf_counter()
+    assert len(read(save(tmp_path, text))) == 2
+    assert time.perf_counter() - begun < 30.0  # far longer where a column is looked for among all others
 
 
 @pytest.mark.parametrize(("text", "said"), [
