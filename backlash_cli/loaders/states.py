@@ -67,8 +67,9 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
         bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
-    told = len(words) > 1 or len(cells.lexicon.words) > 1 or codes.min() < 0  # one word of all rows tells nothing
-    if not told and not extra and not _BAD.fullmatch(words[0].strip()) and not _DOUBT.fullmatch(words[0]):
+    # one word of all rows that is not known tells nothing
+    told = any(good) or extra or len(words) > 1 or len(cells.lexicon.words) > 1 or codes.min() < 0
+    if not told and not _BAD.fullmatch(words[0].strip()) and not _DOUBT.fullmatch(words[0]):
         return np.ones(len(codes), bool), [noted("quality_words:one", word=words[0].strip()[:40])]
     if not any(good):  # only faults are marked: an empty cell is good
         return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]

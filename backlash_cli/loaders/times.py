@@ -4,7 +4,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 import re
 from collections.abc import Callable, Sequence
 from datetime import timedelta, timezone, tzinfo
-from zoneinfo import ZoneInfo
+from zoneinfo import ZoneInfo, available_timezones
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +33,7 @@ LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
 DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
+_REGION = re.compile(r"[\s\[]([A-Za-z]+/[A-Za-z_/]+)\]?\s*$")  # 2026-03-17 08:00:00 Europe/Berlin
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
@@ -252,7 +253,7 @@ class StampReader:
     @property
     def all_notes(self) -> tuple[Note, ...]:
         """What is to be said of all stamps, when they were resolved."""
-        said, zone = {"dst_repeated_hour": self._doubled, "dst_skipped_hour": self._skipped}, self.options.timezone
+        said, zone = {"dst_repeated_hour": self._doubled, "dst_skipped_hour": self._skipped}, self._zone
         return (*self.notes, *(noted(code, rows=rows, zone=zone) for code, rows in said.items() if rows))
 
     def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
@@ -298,6 +299,9 @@ class StampReader:
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
         codes, words = codes_and_words(column)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
+        if self._zone is None and words and (region := _REGION.search(words[0])):
+            name = next((zone for zone in available_timezones() if zone.lower() == region[1].lower()), "")
+            self._zone = ZoneInfo(name) if name else None
         if "%" in self.form:
             import pandas as pd
 

@@ -160,11 +160,11 @@ def by_loop(loop: str) -> pa.Table:
     return pa.table({"ts": pa.array(STAMPS), **{k.split(".")[1]: v for k, v in SIGNALS.items() if k.startswith(loop)}})
 
 
-def zone_local(zone: str) -> str:
+def zone_local(zone: str, form: str = "%Y-%m-%d %H:%M:%S") -> str:
     from zoneinfo import ZoneInfo
 
     info = ZoneInfo(zone)
-    return wide(lambda t: t.replace(tzinfo=UTC).astimezone(info).strftime("%Y-%m-%d %H:%M:%S"))
+    return wide(lambda t: t.replace(tzinfo=UTC).astimezone(info).strftime(form))
 
 
 NEAR = dict(tolerance=0.002)  # signals on their own times are held: SP and OP differ by up to one record
@@ -221,6 +221,8 @@ EXPORTS = {
     "two_header_lines_units": Export({"plant.csv": ",FIC101,,,PIC303,,\n" + wide(name=lambda n: n.split(".")[1], between=",m3/h,m3/h,%,bar,bar,%")}),
     "two_header_lines_below": Export({"plant.csv": wide(name=lambda n: n.split(".")[0], between=",SP,PV,OP,SP,PV,OP")}),
     "timezone": Export({"plant.csv": zone_local("Europe/Berlin")}, options={"timezone": "Europe/Berlin"}),
+    "region": Export({"plant.csv": zone_local("Europe/Berlin", "%Y-%m-%dT%H:%M:%S[Europe/Berlin]")}),
+    "region_in_capitals": Export({"plant.csv": zone_local("Europe/Berlin", "%d-%b-%y %I.%M.%S.%f %p EUROPE/BERLIN")}),
     "time_format": Export({"plant.csv": wide(lambda t: t.strftime("%S.%M.%H of %d %m %Y"))}, options={"time_format": "%S.%M.%H of %d %m %Y"}),
     "no_header": Export({"plant.csv": wide().split("\n", 1)[1]}, options={"columns": ("timestamp", *SIGNALS)}),
     "deltav": Export({"plant.csv": wide(name=NAMES["deltav"])}, loops={"FIC101/PID1": "FIC101", "PIC303/PID1": "PIC303"}, settings=SETTINGS.replace("101]", '101/PID1"]').replace("303]", '303/PID1"]').replace("loops.", 'loops."')),
