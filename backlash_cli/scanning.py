@@ -24,6 +24,7 @@ from .words import noted
 
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
+FEWEST = 10  # usable samples of which anything can be said
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -166,7 +167,7 @@ class LoopScanner:
                                    confirmation, on_quality, rounding, said, manual))
         reasons, compensator = decision.reasons, None
         if decision.verdict is Verdict.CANNOT_TELL:
-            reasons = (*contradictions, *reasons)
+            reasons = (*contradictions, *(reason for reason in reasons if reason not in contradictions))
         elif decision.verdict is Verdict.BACKLASH:
             swings = oscillation[0] > OSCILLATING and not report.detections
             compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
@@ -184,7 +185,7 @@ class LoopScanner:
             return noted("insufficient_data:settings", used=used)
         if self.interval > COARSEST * Ti:
             return noted("sampling_too_coarse:scan", interval=self.interval, Ti=Ti, most=COARSEST * Ti)
-        if used < 2:
+        if used < FEWEST:
             return noted("insufficient_data", used=used)
         if not self._survey.with_setpoint:
             return noted("no_setpoint")

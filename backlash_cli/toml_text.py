@@ -29,8 +29,8 @@ def read_page(path: str | PathLike[str], what: str, remedy: str) -> str:
         with place(path).open("rb") as file:
             return file.read().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise MetadataError(f"{what} cannot be read: {getattr(error, 'strerror', None) or 'not UTF-8 text'}",
-                            where=str(path), remedy=remedy) from None
+        problem = getattr(error, "strerror", None) or "not UTF-8 text: save it as UTF-8"
+        raise MetadataError(f"{what} cannot be read: {problem}", where=str(path), remedy=remedy) from None
 
 
 def parsed(text: str, where: str) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def parsed(text: str, where: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"\(at line (\d+)", str(error))
         raise MetadataError(f"not valid TOML: {error}", where=f"{where}, line {line[1]}" if line else where,
-                            remedy="mend that line (text in quotes, every bracket closed, every key once)") from None
+                            remedy="mend it or the line above (quotes and brackets closed, keys once)") from None
     except (RecursionError, ValueError, OverflowError):
         raise MetadataError("not valid TOML: nested too deeply or a number too long", where=where) from None
 

@@ -63,7 +63,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
             with progress("writing", None, shown=job.shown) as step:
                 write(result, job.plant, form or "table", output, table, verbose=verbose, step=step)
             if job.shown:
-                say(f"{counted(len(result.loops), 'loop')} scanned, {form} written to {output}")
+                said = f"; {counted(len(result.warnings), 'warning')} about the input in it" * bool(result.warnings)
+                say(f"{counted(len(result.loops), 'loop')} scanned, {form} written to {output}{said}")
         elif form is not None or not quiet:
             emit("".join(render(result, job.plant, form or "table", table, verbose=verbose,
                                 colour=sys.stdout.isatty())))

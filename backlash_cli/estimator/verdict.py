@@ -167,6 +167,8 @@ def _in_automatic(f: Findings) -> Decision:
             few = noted("few_half_periods", watched=f.watched, least=SUPERVISION)
             return Decision(Verdict.INSUFFICIENT_DATA, (few,), 0.0, f.cluster)
         return Decision(Verdict.NO_BACKLASH, (noted("no_long_half_periods"),), 0.5, f.cluster)
+    if f.tight is not None and f.tight.d > 1.0:
+        return Decision(Verdict.CANNOT_TELL, (noted("impossible_size", detections=f.tight.n, d=f.tight.d),), 0.0, None)
     if f.tight is not None:
         agree = noted("estimates_agree", n=f.tight.n, detections=f.detections, d=f.tight.d)
         return Decision(Verdict.SUSPECTED, (agree, *f.reading), 0.5, f.cluster)

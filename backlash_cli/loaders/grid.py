@@ -85,7 +85,8 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
         more = f", {conflicts} of them with another value" if conflicts else ""
         notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
         if conflicts > 0.4 * (len(stamps) - files_differ * len(repeats)):
-            raise LoopError(**explained("files_differ" if files_differ else "coarse_times", rows=conflicts))
+            at = utc_text(stamps[repeats[differ][0]])
+            raise LoopError(**explained("files_differ" if files_differ else "coarse_times", rows=conflicts, at=at))
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
         stamps, rows = stamps[kept], rows[kept]

@@ -52,7 +52,6 @@ _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for o
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
 _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
-_MIRRORED = str.maketrans(",.", ".,")
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
 Line = tuple[int, int, str]
@@ -309,7 +308,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
     only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
     numbers = commas if delimiter == "," else every
-    mirrored = every if options.decimal == "." else [number.translate(_MIRRORED) for number in every]
+    mirrored = every if options.decimal == "." else [number.translate({44: ".", 46: ","}) for number in every]
     if options.decimal and decimal_sign(mirrored, ".") == ",":
         raise InputError(**explained("decimal_wrong", decimal=options.decimal, number=max(every, key=len)), where=where)
     if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":

@@ -102,10 +102,10 @@ def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
 
 
 def is_export(name: str) -> bool:
-    """Say whether a file name has the ending of an export and is no sidecar."""
+    """Say whether a file name has the ending of an export and is no sidecar, no readme."""
     found = _FILE.fullmatch(name)
-    return bool(found and found["kind"]) and not name.startswith((".", "_", "~$")) and not re.search(
-        r"(?:^|\.)(?:loops|truth)\.csv(?:\.\w+)?$", name, re.IGNORECASE)
+    return bool(found and found["kind"]) and not re.search(
+        r"(?:^|\.)(?:loops|truth)\.csv$|^(?:[._]|~\$|read.?me\b|liesmich\b|licen[cs]e\b)", name, re.IGNORECASE)
 
 
 def stem_of(name: str) -> str:

@@ -203,12 +203,14 @@ def test_a_terminal_that_knows_ascii_only(plant):
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], [], ["scan", "--help"], ["scn"]])
 def test_help_answers_at_once(arguments):
-    best = 9.0
-    for _ in range(3):
+    """0.2 s where Python with click alone takes 0.1 s, whatever else the machine does meanwhile."""
+    def once(command):
         began = time.perf_counter()
-        process(*arguments)
-        best = min(best, time.perf_counter() - began)
-    assert best < 0.3
+        subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL)
+        return time.perf_counter() - began
+
+    took = [(once([*COMMAND, *arguments]), once([sys.executable, "-c", "import click"])) for _ in range(5)]
+    assert min(own / alone for own, alone in took) < 3.0
 
 
 @pytest.mark.parametrize("shell", ["zsh", "fish"])
