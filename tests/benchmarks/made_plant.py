@@ -82,12 +82,12 @@ def write_long(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
 def write_rough(path: Path, days: float) -> Path:
     """Write one loop as plants really export it: words and blanks among numbers, modes, missing rows; no settings."""
     start = np.datetime64("2026-03-17T00:00:00", "s")
-    random = np.random.default_rng(7)
+    random, texts = np.random.default_rng(7), [np.char.mod("%.4f", x) for x in signals(1)]
     with path.open("w", encoding="utf-8") as file:
         file.write("time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE\n")
         for day in range(int(days)):
             at = np.flatnonzero(random.random(DAY) > 0.001)
-            sp, pv, op = (np.char.mod("%.4f", x[at]) for x in signals(1))
+            sp, pv, op = (text[at] for text in texts)
             pv[random.random(len(at)) < 0.001] = "Bad"
             op[random.random(len(at)) < 0.001] = ""
             mode = np.where((at // 3600) % 12 == 5, "MAN", "AUTO")
