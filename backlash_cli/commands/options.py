@@ -108,8 +108,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
-# options that name a result
-WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth")
+WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth")  # results
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
          "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
 

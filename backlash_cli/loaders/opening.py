@@ -283,9 +283,9 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     first = _first_row(lines, cells, kinds, options.header_row or 0)
     if first is None or all(k == "text" for k in kinds if k != "empty"):
         named = all(score_names(cells(i)) > 0 for i in range(min(10, len(lines))))
-        late = (options.header_row or 0) >= lines[-1][0]
+        late, empty = (options.header_row or 0) >= lines[-1][0], "time" in kinds and "number" not in kinds
         name = ("late_header" if late else "wrong_delimiter" if width < 2 and options.delimiter else "only_a_header"
-                if named else "no_columns" if width < 2 else "no_numbers" if "time" in kinds else "no_measurements")
+                if named else "no_columns" if width < 2 else "no_numbers" if empty else "no_measurements")
         raise InputError(**explained(name, delimiter=options.delimiter, row=options.header_row), where=where)
     before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
@@ -299,8 +299,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}
     names = header_of(before, kinds, options, where)
-    several = kinds.count("time") > 1
-    kinds = tuple("clock" if several and is_column(name, "clock") and all(
+    kinds = tuple("clock" if is_column(name, "clock") and kinds.count("time") > 1 and all(
         DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
     every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [

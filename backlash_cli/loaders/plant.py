@@ -140,7 +140,9 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     for source in sources:
         try:
             found, notes, lost = signals_of_file(source, options, needed, room, taken)
-            series, warnings, problems = series + found, warnings + notes, problems | lost
+            series += found
+            warnings += notes
+            problems |= lost
         except (BacklashError, ArrowException, OverflowError, MemoryError, OSError, ValueError) as error:
             text = str(error).strip().split("\n")[0][:300] or type(error).__name__
             problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(

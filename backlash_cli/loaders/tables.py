@@ -37,7 +37,7 @@ TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
-KEPT = 200  # characters of a line that is dropped
+KEPT, SHOWN = 200, 50  # characters of a line that is dropped, and lines of which they are
 _TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
@@ -82,7 +82,7 @@ class TextTable:
             if self._bad and not first_bad:
                 # several threads find them in any order
                 begun = [re.escape(text.partition("\n")[0].encode()) + rb"\r?$" * (
-                    len(text) < KEPT and "\n" not in text) for *_, text in self._bad[:50]]
+                    len(text) < KEPT and "\n" not in text) for *_, text in self._bad[:SHOWN]]
                 place = re.search(rb"(?m)^(?:%s)" % b"|".join(begun), block)
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
             line, rows = line + counted, sum(one.num_rows for one in tables)
@@ -105,8 +105,8 @@ class TextTable:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
-            lines = 1 + row.text.count("\n")
-            self._bad.append((row.expected_columns, row.actual_columns, lines, row.text[:KEPT]))
+            lines, text = 1 + row.text.count("\n"), row.text[:KEPT] * (len(self._bad) < SHOWN)
+            self._bad.append((row.expected_columns, row.actual_columns, lines, text))
             self.named_again |= score_names(split_line(row.text, self.head.delimiter)) > 0
             return "skip"
 

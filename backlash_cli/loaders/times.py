@@ -300,8 +300,7 @@ class StampReader:
         codes, words = codes_and_words(column)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
         if self._zone is None and words and (region := _REGION.search(words[0])):
-            name = next((zone for zone in available_timezones() if zone.lower() == region[1].lower()), "")
-            self._zone = ZoneInfo(name) if name else None
+            self._zone = next((ZoneInfo(z) for z in available_timezones() if z.lower() == region[1].lower()), None)
         if "%" in self.form:
             import pandas as pd
 

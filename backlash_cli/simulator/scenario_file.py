@@ -47,7 +47,7 @@ def parse_scenarios(page: str | Mapping[str, Any], where: str = "scenario") -> t
     _known(document, ("simulation", "loops"), where)
     common, loops = _table(document.get("simulation", {}), f"{where}: [simulation]"), document.get("loops", {})
     _known(common, SIMULATION, f"{where}: [simulation]")
-    for key in common.keys() - {"start"}:  # here, that no loop is blamed
+    for key in sorted(common.keys() - {"start"}):  # here, that no loop is blamed
         _value(get_type_hints(Scenario)[key], common[key], f"{where}: [simulation] {key}")
     if not _table(loops, f"{where}: [loops]"):
         raise MetadataError("there is no loop", where=where, remedy="add a table [loops.NAME]")
