@@ -32,8 +32,7 @@ from .terminal import emit, refusal, say
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
-OLDER = "older than look_back"  # and not in the history
-NOTHING = "no export found"  # for one of several inputs
+OLDER, NOTHING = "older than look_back", "no export found"  # and not in the history; for one of several inputs
 SAID = (OLDER, "missing", NOTHING)
 
 Log = Callable[..., None]

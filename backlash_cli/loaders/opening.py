@@ -448,8 +448,9 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 
 
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
-    """Put tags in the place of a header's short names where lines before say so, as A;FIC101.SP;Feed setpoint does."""
-    told = {cells[0].strip(" #"): tag for cells in before.values() if not is_whole(cells[0]) and (
+    """Put tags in the place of a header's short names where lines before say so: A;FIC101.SP;Feed, Pen 1: FIC101.SP."""
+    rows = (cells if len(cells) > 1 else cells[0].split(":", 1) for cells in before.values())
+    told = {cells[0].strip(" #"): tag for cells in rows if not is_whole(cells[0]) and (
         tag := min((cell for cell in cells[1:] if is_whole(cell)), key=lambda cell: " " in cell, default=""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
     return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
