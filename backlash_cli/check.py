@@ -39,8 +39,7 @@ class LoopCheck(Frozen):
         """What the data mean for the verdict: "none", "limits", "blocks" or "failed", the worst there is, and why."""
         if self.failure is not None:
             return Note("failed", f"not checked: {self.failure.message}")
-        own = (note for note in self.notes if "effect" in note.values)
-        quality = (*own, *(() if self.quality is None else self.quality.notes))
+        quality = (*(n for n in self.notes if "effect" in n.values), *(self.quality.notes if self.quality else ()))
         heaviest = quality[0].values["effect"] if quality else "info"
         if heaviest == "blocks":
             return Note("blocks", f"no verdict possible: {quality[0].message}")

@@ -68,7 +68,7 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
     if shifted is not None:
         stamps = shifted
     elif len(back):
-        half = np.abs(np.diff(stamps)[back] + DAY // 2) < HOUR // 2  # 12:59 is followed by 01:00
+        half = np.abs(stamps[back + 1] - stamps[back] + DAY // 2) < HOUR // 2  # 12:59 is followed by 01:00
         notes.append(noted("unsorted:half_day" if half.all() else "unsorted", {"steps": float(len(back))}))
         turn = np.argsort(stamps, kind="stable")
         stamps, rows, values = stamps[turn], rows[turn], values[turn]

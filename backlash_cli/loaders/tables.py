@@ -95,8 +95,8 @@ class TextTable:
             cells, got, _, text = self._bad[0]
             rows = float(sum(bad[2] for bad in self._bad))
             other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
-            quoted = rows > len(self._bad) or not cells
-            code = "ragged_rows:quote" if quoted else "ragged_rows:delimiter" if other else "ragged_rows"
+            code = "ragged_rows:delimiter" if other else "ragged_rows"
+            code = "ragged_rows:quote" if rows > len(self._bad) or not cells else code
             self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
                                  text=text[:40], other=other)]
 
@@ -273,6 +273,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                            head.start, head.interval) for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
+    further = dict.fromkeys(layout.values, layout.further)
     above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
         2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
@@ -280,7 +281,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
             values, codes = stored(batch[i], words[i], head.decimal, written=isinstance(table, TextTable))
-            for other in layout.further and (layout.further if i in layout.values else ()):
+            for other in further.get(i, ()):
                 more, others = stored(batch[other], words[i], head.decimal, written=isinstance(table, TextTable))
                 codes, others = (np.full(len(values), -1, np.int32) if c is None else c for c in (codes, others))
                 empty = np.isnan(values) & (codes < 0)
