@@ -12,6 +12,7 @@ MAX_HOLE = 5  # absent samples that may be bridged
 BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
 APART, MOSTLY = 1.0 / 3.0, 0.95  # spans between SP and PV that are no control error in this share of a record
 LIMIT_RUN = 3  # samples at the limit that make saturation
+RESTS, LEAST_LEVELS, HALF_AS_FAR = 0.2, 20, 0.5  # so long an output of so many levels stands at no end
 FROZEN_RUN = 10  # equal samples below which nothing is called frozen
 FROZEN_CHANCE = 1e-6  # chance that a noisy signal repeats itself this long anywhere in the record
 LEAST_CHANGES = 50  # changes that any working measurement shows in a record, however slow and coarse
@@ -76,9 +77,17 @@ def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, fe
     return out
 
 
-def saturated(output: FloatArray) -> NDArray[np.bool_]:
-    """(samples,) True where a normalised output stays at 0 or 1 for several samples."""
-    starts, ends = runs((output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT))
+def saturated(output: FloatArray, off: FloatArray | None = None) -> NDArray[np.bool_]:
+    """(samples,) True where a normalised output stays for several samples at 0 or 1, or at the end of its own range: at
+    RESTS of its samples, though PV is as far `off` SP as elsewhere, which moves any output with integral action."""
+    at = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
+    far = np.nan_to_num(np.minimum(0.0 if off is None else off, 1.0))
+    for end in () if off is None else (np.fmin.reduce(output, initial=np.inf), np.fmax.reduce(output, initial=-np.inf)):
+        rests = output == end
+        if np.count_nonzero(rests) > RESTS * len(output) and len(np.unique(output)) >= LEAST_LEVELS and (
+                np.mean(far[rests]) > HALF_AS_FAR * np.mean(far[~rests])):
+            at |= rests
+    starts, ends = runs(at)
     long = ends - starts >= LIMIT_RUN
     return inside(starts[long], ends[long], len(output))
 
@@ -190,7 +199,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     off = None if off is None else np.abs(off, out=off)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
-             "interpolated": interpolated, "saturated": None if op is None else saturated(op),
+             "interpolated": interpolated, "saturated": None if op is None else saturated(op, off),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
     for name, (value, _) in _KINDS.items():

@@ -29,6 +29,7 @@ GAP_FACTOR = 5.0  # of the 99 % spacing: the longest that compressed data may br
 MAX_GROWTH, JITTER = 200, (0.3, 1.7)  # grid points per recorded row; spacings over the usual one
 _NICE = np.array([1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 90, 100, 120, 150, 180, 200, 240, 250,
                   300, 360, 400, 450, 480, 500, 600, 720, 750, 800, 900, 1000])
+Files = tuple[tuple[int, str], ...]  # first row and name of each
 
 
 class Ordered(Frozen, eq=False):
@@ -39,9 +40,9 @@ class Ordered(Frozen, eq=False):
     notes: tuple[Note, ...] = ()
 
 
-def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), line: int = 0) -> Ordered:
+def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 0) -> Ordered:
     """Bring stamps into strictly increasing order. Raises LoopError when no time passes. probe: (rows,) measured, tells
-    repeated rows from those of another time. parts: first rows of further files. line: of row 0 in its file."""
+    repeated rows from those of another time. files: of the rows, if several. line: of row 0 in its file."""
     if len(micros) and micros.min() != NAT:
         steps, few = np.diff(micros), len(micros) // 20
         if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
@@ -63,8 +64,8 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
         rows, stamps = rows[~far], stamps[~far]
     if len(stamps) > 1 and stamps.min() == stamps.max():
         raise LoopError(**explained("constant_time", rows=len(stamps), stamp=utc_text(stamps[0])))
-    values, back = probe[rows], np.flatnonzero(np.diff(stamps) < 0)
-    shifted = None if np.isin(rows[back + 1], parts).any() else _clock_set_back(stamps, back, values, notes)
+    values, back, firsts = probe[rows], np.flatnonzero(np.diff(stamps) < 0), [row for row, _ in files[1:]]
+    shifted = None if np.isin(rows[back + 1], firsts).any() else _clock_set_back(stamps, back, values, notes)
     if shifted is not None:
         stamps = shifted
     elif len(back):
@@ -74,19 +75,20 @@ def ordered(micros: IntArray, probe: FloatArray, parts: tuple[int, ...] = (), li
         stamps, rows, values = stamps[turn], rows[turn], values[turn]
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     differ = _differ(values[repeats], values[repeats + 1], values)
-    of_file = np.searchsorted(parts, rows, side="right")
-    files_differ = bool(np.any(differ & (np.diff(of_file)[repeats] != 0)))
-    coarse = len(repeats) and differ.mean() > 0.5 and not files_differ and not len(back)
+    of_file = np.searchsorted(firsts, rows, side="right")
+    between = repeats[differ & (np.diff(of_file)[repeats] != 0)]  # other values in another file
+    which = " and ".join(files[i][1] for i in of_file[between[0] : between[0] + 2]) if len(between) else ""
+    coarse = len(repeats) and differ.mean() > 0.5 and not which and not len(back)
     if coarse and (spread := _spread_evenly(stamps, values)) is not None:
         notes.append(noted("coarse_stamps"))
         stamps = spread
     elif len(repeats):
         conflicts = int(differ.sum())
-        more = f", {conflicts} of them with another value" if conflicts else ""
+        more = f", {conflicts} of them with another value" * (conflicts > 0) + f" ({which})" * bool(which)
         notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
-        if conflicts > 0.4 * (len(stamps) - files_differ * len(repeats)):
-            at = utc_text(stamps[repeats[differ][0]])
-            raise LoopError(**explained("files_differ" if files_differ else "coarse_times", rows=conflicts, at=at))
+        if conflicts > 0.4 * (len(stamps) - bool(which) * len(repeats)):
+            at, code = utc_text(stamps[repeats[differ][0]]), "files_differ" if which else "coarse_times"
+            raise LoopError(**explained(code, rows=conflicts, at=at, files=which))
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
         stamps, rows = stamps[kept], rows[kept]
@@ -240,17 +242,17 @@ class Grid(Frozen, eq=False):
 @dataclass(eq=False)
 class Times:
     """Stamps of rows in memory, with what is found out about them once for all signals of these rows. micros: (rows,)
-    microseconds since 1970 UTC, NAT where unreadable. parts, line: as in `ordered`."""
+    microseconds since 1970 UTC, NAT where unreadable. files, line: as in `ordered`."""
 
     micros: IntArray
     notes: tuple[Note, ...] = ()
-    parts: tuple[int, ...] = ()
+    files: Files = ()
     line: int = 0
     _order: Ordered | None = field(default=None, init=False)  # where no row is moved or left out, whatever the signal
 
     def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
-        found = self._order or ordered(self.micros, probe, self.parts, self.line)
+        found = self._order or ordered(self.micros, probe, self.files, self.line)
         if found.rows is None:
             self._order = found
         return found

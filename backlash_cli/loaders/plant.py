@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -188,11 +189,18 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
+    owners = defaultdict[tuple[str, Series], list[str]](list)  # not of SP: it may be one of several loops
+    for loop, own in series.items():
+        for role in ("pv", "op"):
+            for one in own.roles.get(role, ()):
+                owners[role, one].append(loop)
+    shared = {(one.tag, role, some(sorted(loops), FEW)) for (role, one), loops in owners.items() if len(loops) > 1}
+    notes = [noted("shared_tag", tag=tag[:60], role=role.upper(), names=loops) for tag, role, loops in sorted(shared)]
     there = {metadata.match(name) for name in series}
     names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
-        return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
-    notes = []
+        said = noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))
+        return [*notes, said]
     for name in names:
         values = metadata.loops[name].values
         tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))

@@ -159,14 +159,16 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}
+    shared = defaultdict[str, set[str]](set)  # signals of a loop that the metadata give to another
     for item in series:
         owners = owners_of(item.tag, explicit)
         for loop, role in owners:
             own(loop).roles.setdefault(role, []).append(item)
         name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
-        # unless the metadata name another tag for this signal
-        if item.loop and not owners and not (item.role and item.role in asked.get(name, {})):
+        # unless the metadata name another tag for this signal; the OP of one loop may be the SP of another as well
+        if item.loop and name not in dict(owners) and not (item.role in asked.get(name, {}) if item.role else owners):
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
+            shared[name] |= {item.role} if owners else set()
     bare = defaultdict[str, list[Series]](list)
     for item in series:
         bare["" if item.loop else bare_tag(item.tag)].append(item)
@@ -183,7 +185,8 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
             one.roles |= {"pv": measured, "op": [item for item in outputs if item not in measured]}
     for loop, tags in asked.items():
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
-    return {name: loop for name, loop in loops.items() if loop.roles}
+    return {name: loop for name, loop in loops.items() if loop.roles and (  # not a loop if others have its signals
+        name in asked or not shared[name] or len(loop.roles.keys() - shared[name]) > 1)}
 
 
 def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
@@ -249,8 +252,9 @@ def _times(*axes: Axis) -> Times:
     micros, first = [axis.read() for axis in axes], axes[0]
     if len(axes) == 1:
         return Times(micros[0], first.notes, line=first.first_line)
+    rows = np.cumsum([0, *map(len, axes[:-1])]).tolist()
     return Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
-                 tuple(np.cumsum([len(axis) for axis in axes])[:-1].tolist()))
+                 tuple((row, axis.where) for row, axis in zip(rows, axes, strict=True)))
 
 
 def add_faults(total: Faults, found: Faults) -> list[Note]:

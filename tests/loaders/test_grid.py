@@ -91,7 +91,7 @@ def test_clock_set_back_keeps_the_file_order(back, code):
 def test_the_same_hour_exported_twice_is_no_clock_change():
     values = np.random.default_rng(2).standard_normal(6000)
     rows = np.concatenate([np.arange(4000), np.arange(3000, 6000)])
-    order = ordered(stamps(rows), values[rows], parts=(4000,))
+    order = ordered(stamps(rows), values[rows], files=((0, "a.csv"), (4000, "b.csv")))
     assert codes(order) == ["unsorted", "duplicate_times"]
     assert len(order.stamps) == 6000
 

@@ -193,6 +193,19 @@ op = "FV211"
     np.testing.assert_allclose(plant["FIC101"].measurement * 900, SIGNALS["FIC101.PV"], atol=1e-6)
 
 
+def test_a_tag_that_the_metadata_give_to_another_loop_stays_in_its_own(tmp_path):
+    cascade = SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\nsp = "PIC303.OP"')
+    plant = read(save(tmp_path, wide(), settings=cascade))  # PIC303 gives FIC101 its setpoint
+    np.testing.assert_allclose(plant["PIC303"].output * 100, SIGNALS["PIC303.OP"], atol=1e-6)
+    np.testing.assert_allclose(plant["FIC101"].setpoint * 900, SIGNALS["PIC303.OP"], atol=1e-6)
+    assert "shared_tag" not in codes(plant.warnings)
+    twice = SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\npv = "PIC303.PV"')
+    plant = read(save(tmp_path, wide(), settings=twice))
+    assert np.isfinite(plant["PIC303"].measurement).all()
+    said = next(n.message for n in plant.warnings if n.code == "shared_tag")
+    assert "PIC303.PV is the PV of FIC101, PIC303" in said
+
+
 def test_extra_columns_are_disturbances(tmp_path):
     lines = wide().splitlines()
     lines = [f"{line},{'FIC101.DV1' if i == 0 else i}" for i, line in enumerate(lines)]

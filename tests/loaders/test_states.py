@@ -45,6 +45,17 @@ def test_saturation_needs_several_samples():
     assert flags is not None and np.array_equal(np.flatnonzero(flags), [*range(20, 25), *range(40, 44)])
 
 
+def test_an_output_that_stands_at_a_limit_inside_its_range():
+    rng = np.random.default_rng(3)
+    wanted, off = 0.5 + 0.05 * np.sin(np.arange(2000) / 40.0), np.abs(0.02 * rng.standard_normal(2000))
+    output = np.minimum(wanted, 0.51)  # the controller's upper limit
+    assert np.array_equal(saturated(output, off), output == 0.51) and not saturated(output).any()
+    assert not saturated(output, np.where(output == 0.51, 0.0, off)).any()  # at rest: no error moves the output
+    assert not saturated(np.round(wanted, 2), off).any()  # a swing of few recorded levels
+    assert not saturated(np.full(2000, 0.5), off).any() and not saturated(wanted[:0], off[:0]).any()
+    assert not saturated(output, np.full(2000, np.nan)).any()
+
+
 def test_spikes_beyond_the_span():
     y = np.full(50, 0.4)
     assert not judged(np.arange(50), None, y, None, None, None, 0)[2]["wild"].any()
