@@ -32,8 +32,7 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     plant: what `read` returns, one Record, or several. jobs: number of processes, None for one per core; a script that
     asks for more than this one does so below `if __name__ == "__main__":`. progress: called after each loop. keep: of
     an OpenPlant whose recipes are keyed, what was finished before a scan was stopped. client: of a Dask cluster that
-    does the work. A loop that cannot be analysed is reported with verdict `error`.
-    """
+    does the work. A loop that cannot be analysed is reported with verdict `error`."""
     from .engines.local import analyse  # what a scan needs takes a second to load, which models of a loop do without
     from .loaders.clean import Recipe
     from .loaders.plant import OpenPlant
@@ -68,8 +67,7 @@ def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
 
     inputs, loops, reading: as for `read`; `reading.only_loops` names the loops wanted. options, jobs, progress: as for
     `scan`. taken: called with the bytes of a file that were taken in. The samples are not kept: use `read` for them.
-    Raises BacklashError when nothing can be read.
-    """
+    Raises BacklashError when nothing can be read."""
     from .loaders.plant import open_plant
 
     return scan(open_plant(inputs, loops=loops, options=reading, taken=taken), options, jobs=jobs, progress=progress)

@@ -26,8 +26,7 @@ PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in
 class DoubleLag(Frozen):
     """Coefficients (3,) of 1/(1 + s T)^2 sampled every h seconds behind a zero-order hold; T = 0 is the identity.
 
-    With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2.
-    """
+    With a = exp(-h/T), r = h/T:  H(z) = ((1 - a - r a) z + a (a - 1 + r)) / (z - a)^2."""
 
     numerator: FloatArray
     denominator: FloatArray
@@ -67,8 +66,7 @@ class Segments(Frozen, eq=False):
 
     begin, end: grid position of the two zero crossings, interpolated between samples. area: integral of |e|
     [span * samples], the error taken as straight between samples. e_max: largest |e| [span].
-    direction: sign of e. setpoint_move: sum of |change of setpoint| inside [span]. complete: crossing at both ends.
-    """
+    direction: sign of e. setpoint_move: sum of |change of setpoint| inside [span]. complete: crossing at both ends."""
 
     begin: FloatArray
     end: FloatArray
@@ -128,8 +126,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
     period. open_: what the previous block left open. Returns the half periods that ended inside this block, the one
     left open, and the number of complete ones that are not returned, as their area [span samples] or length [samples]
-    is below least.
-    """
+    is below least."""
     if not len(error):
         return Segments.join([]), open_, 0
     if open_ is None:  # as if the first error had stood there one sample before, less the area of that step
@@ -198,8 +195,7 @@ class ErrorScanner:
     measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
     be used.
 
-    least: area of plain and length of smooth half periods, see ErrorTrack.
-    """
+    least: area of plain and length of smooth half periods, see ErrorTrack."""
 
     def __init__(self, stages: tuple[DoubleLag, DoubleLag], least: tuple[float, float] = (0.0, 0.0)) -> None:
         self.stages = stages

@@ -24,8 +24,7 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
     """Valve position behind a dead band d, started at position `start`: stays while u moves inside the band.
 
     u: (samples,) controller output; returns (samples,). At d = 0 the output is u bit for bit.
-    Source: Haegglund (2007), Fig. 2; the play operator of Krasnosel'skii and Pokrovskii (1989).
-    """
+    Source: Haegglund (2007), Fig. 2; the play operator of Krasnosel'skii and Pokrovskii (1989)."""
     out = np.empty_like(u)
     x = start
     half = 0.5 * d
@@ -46,8 +45,7 @@ def gap_means(u: NDArray[Any], widths: NDArray[Any], size: int, count: int) -> N
     """Means over `count` blocks of `size` samples of what the stem lags behind OP, for each dead band in `widths`.
 
     u: (samples,) controller output; widths: (widths,) dead bands in its units; returns (widths, blocks) of
-    play(u) - u. Until u has covered a whole gap, the stem is taken to stand in the middle of where it may stand.
-    """
+    play(u) - u. Until u has covered a whole gap, the stem is taken to stand in the middle of where it may stand."""
     out = np.zeros((count, len(widths)))  # the widths of a block side by side: they are computed together
     half, x = 0.5 * widths, np.empty(len(widths))
     low = high = u[0]
@@ -67,8 +65,7 @@ def forgetting_gap_means(u: NDArray[Any], widths: NDArray[Any], rates: NDArray[A
     """The same for gaps that forget: -clip(u - slow mean of u, half a width), (rates, widths, blocks).
 
     rates: of the mean per sample. Like a dead band in shape, but it depends on how fast OP moves, which no gap does:
-    what explains PV as well as this one does is no valve.
-    """
+    what explains PV as well as this one does is no valve."""
     out = np.zeros((len(rates), len(widths), count))
     half = 0.5 * widths
     for k in range(len(rates)):
@@ -177,8 +174,7 @@ def kalman(error: NDArray[Any], used: NDArray[Any], a1: float, a2: float, p11: f
 
     error, used: (samples,). a1, a2: decay per sample. p11, p12, p22: covariance at rest, in variances of the white
     noise. The innovations (samples,) are over their deviation, 0 where not `used`. gain (samples, 2) and weight
-    (samples,), one over that deviation, are written where they have that length.
-    """
+    (samples,), one over that deviation, are written where they have that length."""
     out = np.zeros(len(error))
     b, q = 1.0 - a2, p11 * (1.0 - a1 * a1)
     log_det = log_s = w = lagged = g1 = g2 = scale = 0.0
@@ -248,8 +244,7 @@ def pid(
     """One controller sample: returns the feedback part; state: [x1, yf, s1, sf, integral, error, output].
 
     The new sample counts as the mean over the interval before it. Away from automatic the integral part follows,
-    so that the return is without a bump; `hand` nan holds the output.
-    """
+    so that the return is without a bump; `hand` nan holds the output."""
     gain, integral, derivative, b, c, low, high, windup, a, w = (
         p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9],
     )  # fmt: skip

@@ -81,8 +81,7 @@ class LoopSettings(Frozen):
     K: controller gain [output span / measurement span], sign = action (negative: the process gain is negative).
     Ti, Td, Tf: seconds. Kp: static process gain [measurement span / output span]. theta: dead time [s].
     pv_range, op_range: engineering values that map to 0 and 1. `None` means not known.
-    source: where each value comes from: "metadata", "default", "identified", "data".
-    """
+    source: where each value comes from: "metadata", "default", "identified", "data"."""
 
     K: float | None = None
     Ti: float | None = None
@@ -117,8 +116,7 @@ class Record(Frozen, eq=False):
     state: (samples,) uint8 of SampleState.
     disturbances: further measured columns, name -> (samples,) float64 in their own units.
     notes: what the loader found or assumed. A Record is also a block: consecutive blocks of one loop
-    share `start` and `interval`, and their `index` goes on.
-    """
+    share `start` and `interval`, and their `index` goes on."""
 
     loop: str
     start: float

@@ -41,8 +41,7 @@ class LoopScanner:
 
     A record cut into blocks anywhere gives the same report, rounding aside. Half periods and counts are of all samples;
     everything else is asked of those that are kept, the last four million (one million without the test of PV against
-    OP). A setpoint or settings not given are read from the samples as soon as so many were taken, or at the end.
-    """
+    OP). A setpoint or settings not given are read from the samples as soon as so many were taken, or at the end."""
 
     def __init__(self, loop: str, settings: LoopSettings, start: float, interval: float,
                  options: ScanOptions | None = None) -> None:

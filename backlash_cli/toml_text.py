@@ -73,8 +73,7 @@ def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | 
 
     text, way: of the whole page, and to these values in it. words: what keys must be, where their type does not say it
     all. hook: makes values of types that msgspec does not know. Raises MetadataError naming the line, the key, and what
-    it must be; remedy: what else it says of what is missing or not known.
-    """
+    it must be; remedy: what else it says of what is missing or not known."""
     try:
         return msgspec.convert(values, kind, dec_hook=hook)
     except msgspec.ValidationError as error:

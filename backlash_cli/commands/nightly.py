@@ -83,8 +83,7 @@ def nightly(config: Path, check: bool) -> int:
 def open_log(path: Path | None, form: str) -> Iterator[Log]:
     """Give a function `log(event, level="info", **values)`; each call is one line.
 
-    Without `path`, lines of text go to standard error (warnings and errors only) and JSON lines to it all.
-    """
+    Without `path`, lines of text go to standard error (warnings and errors only) and JSON lines to it all."""
     stream = None
     if path is not None:
         try:

@@ -57,8 +57,7 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
     """Give the client of a Dask cluster for the time of the block, None for this machine.
 
     given: what engine, scheduler and jobs, where they are options, were given. Raises UsageError for what does not fit
-    together, and when Dask is wanted and missing.
-    """
+    together, and when Dask is wanted and missing."""
     scheduler, jobs = given["scheduler"], given.get("jobs")
     if scheduler is not None and given["engine"] != "dask":
         raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")

@@ -85,8 +85,7 @@ def progress(words: str, total: int | None, *, shown: bool = True, of_bytes: boo
              ) -> Iterator[Callable[..., None]]:
     """A bar on standard error while the block runs, only on a terminal; gives what counts one more done, or so many.
 
-    of_bytes: what is counted are bytes. stopped: said behind the count when the work is stopped.
-    """
+    of_bytes: what is counted are bytes. stopped: said behind the count when the work is stopped."""
     from rich import progress as rich_progress
     from rich.console import Console
 

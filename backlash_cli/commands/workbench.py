@@ -70,8 +70,7 @@ def record_and_model(export: Export, name: str | None, model_file: Path | None, 
                      ) -> tuple[Record, Model | None]:
     """Read one loop and its model: the loop called `name`, else that of the model, else the only one there is.
 
-    Raises UsageError listing the loops where it is open, and when the model belongs to another loop or other ranges.
-    """
+    Raises UsageError listing the loops where it is open, and when the model belongs to another loop or other ranges."""
     model = None if model_file is None else api.load_model(model_file)
     if model is None or other_loop:
         return one_loop(export, name), model

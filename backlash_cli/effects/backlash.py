@@ -58,8 +58,7 @@ def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
 def propose(clues: Clues) -> list[Values]:
     """Return gaps up to nearly the output's travel, each with the stem at either side or in the middle.
 
-    Where the output travels little, a gap of most of its travel is told from a smaller one by a narrow valley only.
-    """
+    Where the output travels little, a gap of most of its travel is told from a smaller one by a narrow valley only."""
     gaps, wide = np.geomspace(0.003, 0.2, 11), float(np.ptp(clues.output)) * np.array(WIDE_SHARES)
     # beside other effects the valley can be narrow: where the valve would stick is near it
     near = float(clues.known.get("stiction", {}).get("S", 0.0)) * NEAR_STICTION  # type: ignore[arg-type]

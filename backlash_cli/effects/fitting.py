@@ -20,8 +20,7 @@ class Clues(Frozen, eq=False):
     interval: between samples. lag: time constant of the process. duration: length of the record.
     known: what other effects came to when they were tried alone, name -> parameter values.
     step_times(count): sets of 1..count times at which a step load explains most of what the model misses.
-    periods(count): the periods of the `count` strongest lines in what the model misses.
-    """
+    periods(count): the periods of the `count` strongest lines in what the model misses."""
 
     output: FloatArray
     measurement: FloatArray
@@ -57,8 +56,7 @@ class Fitting(Frozen):
     through a delay on the way from the valve.
     plausible: (values, travel) -> False for fitted values that a search should not believe; travel(t) is how far OP
     went around t seconds, infinite where it was held.
-    seldom: tried only where the usual effects leave more than noise and load, and never more than "acts like".
-    """
+    seldom: tried only where the usual effects leave more than noise and load, and never more than "acts like"."""
 
     linear: tuple[str, ...] = ()
     phase: str = ""

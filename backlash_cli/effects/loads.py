@@ -144,8 +144,7 @@ MEASURED_DISTURBANCE = effect("measured_disturbance", Stage.LOAD, lambda p, inte
 def coloured_start(density: float, bandwidth: float, interval: float) -> FloatArray:
     """State: [place in the numbers, x, decay of x, weight of x in the mean, L11, L21, L22], then normal numbers.
 
-    x is in standard deviations until the first sample. L is the Cholesky factor of (end value, mean) given x.
-    """
+    x is in standard deviations until the first sample. L is the Cholesky factor of (end value, mean) given x."""
     if np.isinf(bandwidth):
         return np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, np.sqrt(density / interval)])
     n, variance = bandwidth * interval, 0.5 * density * bandwidth

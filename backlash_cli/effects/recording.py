@@ -57,8 +57,7 @@ def recorded_steps(values: FloatArray) -> tuple[float, str]:
     """Return the step that the repeated values (samples,) of a recorded signal show, and how it came about.
 
     "rounded": few levels, a whole number of steps apart. "reported": no report is smaller than the step. "held": old
-    values are repeated, and some reports are small, as where a report is due after a longest time. "": no step.
-    """
+    values are repeated, and some reports are small, as where a report is due after a longest time. "": no step."""
     jumps = np.abs(np.diff(values))
     moved = jumps[jumps > 0.0]
     if moved.size < 3 or moved.size > (1.0 - REPEATS) * jumps.size:

@@ -19,8 +19,7 @@ TRIAL = 50  # samples of the signal that an effect from outside is tried on
 def load_effect(name: str) -> Effect:
     """Return the effect called `name`, or the one that `module:NAME` points to.
 
-    Raises MetadataError when there is none, or when what is found has not the shape of an effect.
-    """
+    Raises MetadataError when there is none, or when what is found has not the shape of an effect."""
     if ":" in name:
         return _from_module(name)
     known = {effect.name: effect for effect in all_effects()}
@@ -59,8 +58,7 @@ def _try(effect: Effect, name: str) -> None:
     """Send a short signal through an effect from outside, so that a mistake in it is told as such.
 
     As plain Python: a compiler's words would not help the author.
-    Raises MetadataError when it fails, gives no numbers, is not the identity at its neutral values, or misdescribed.
-    """
+    Raises MetadataError when it fails, gives no numbers, is not the identity at its neutral values, or misdescribed."""
     signal, wrong = 0.5 - 0.2 * np.cos(np.arange(TRIAL) / 4.0), ""  # up and down
     try:
         Stage(effect.stage)

@@ -49,8 +49,7 @@ class Parameter(Frozen):
 
     low, high: physical bounds. neutral: value at which the effect does nothing, also used when a value is left out.
     start: values worth starting a fit from. nuisance: says how the record began, not what is wrong with the loop.
-    choices: the only values allowed, for switches.
-    """
+    choices: the only values allowed, for switches."""
 
     name: str
     unit: str
@@ -70,8 +69,7 @@ class Effect(Frozen):
     column: the effect also takes the samples of one measured column, (samples,).
     draws: standard normal numbers it takes per sample (random effects); the series then holds draws * (samples + 1).
     fitted: may be looked for in measurements; False for what only the simulator plays.
-    fitting: how a fit starts and refines it; the default serves an effect on the way of the output.
-    """
+    fitting: how a fit starts and refines it; the default serves an effect on the way of the output."""
 
     name: str
     stage: Stage
@@ -88,8 +86,7 @@ class Effect(Frozen):
     def pack(self, values: Mapping[str, object] | None = None, **more: object) -> FloatArray:
         """Return the parameter array for named values; what is left out is neutral (a list left out is empty).
 
-        Raises MetadataError for an unknown name, a value outside its bounds, or lists of different length.
-        """
+        Raises MetadataError for an unknown name, a value outside its bounds, or lists of different length."""
         given = {**(values or {}), **more}
         known = [q.name for q in self.parameters]
         for name in [name for name in given if name not in known]:
@@ -142,8 +139,7 @@ class Effect(Frozen):
               series: Sequence[float] | FloatArray = ()) -> FloatArray:
         """Return (samples,) after the effect; equal to `step` run over the samples one by one.
 
-        values: (samples,) normalised signal. first: signal before the record, default its first sample.
-        """
+        values: (samples,) normalised signal. first: signal before the record, default its first sample."""
         array = np.ascontiguousarray(values, dtype=np.float64)
         if array.size == 0:
             return array.copy()

@@ -45,8 +45,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     """Give a client of the cluster at `scheduler`, or of `jobs` processes on this machine that end with the block.
 
     say: is told what takes long. Raises UsageError when Dask is not installed, BacklashError when no scheduler
-    answers or its workers cannot do this work.
-    """
+    answers or its workers cannot do this work."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -149,8 +148,7 @@ def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Res
     work: a function that workers can import, and that answers for its own failures. lost: makes the result of an item
     whose workers died. count: so many are worked on at once, and nearly as many wait. pack: makes of an item what can
     be sent to another machine. Raises what `work` raises of BacklashError, and one when the scheduler is gone. Closing
-    the iterator stops the work.
-    """
+    the iterator stops the work."""
     waiting: list[Future] = []
 
     def send(item: Item) -> Future:

@@ -56,8 +56,7 @@ def analyse(loops: Sequence[Loop], options: ScanOptions | None = None, *, jobs: 
 
     loops: Records, or Recipes; these are read when their turn comes, in the process that analyses them, and forgotten
     afterwards. jobs: processes; None chooses. keep: takes in each report as soon as it is finished; loops that it knows
-    are not read. client: of a cluster that does the work. Closing the iterator stops the work.
-    """
+    are not read. client: of a cluster that does the work. Closing the iterator stops the work."""
     kept = [None if keep is None else keep.known.get(getattr(loop, "key", "")) for loop in loops]
     missing = [loop for loop, known in zip(loops, kept, strict=True) if known is None]
     fresh = _analysed(missing, options or ScanOptions(), jobs, keep, client)
@@ -153,8 +152,7 @@ def answers(records: Sequence[Record], work: Callable[[Record], Result], *, jobs
     """Yield for every record, in order, what `work` makes of it, or a note that names the loop and says why not.
 
     work: can be pickled. jobs: processes; None is one per core, 1 stays in this process. client: of a cluster that
-    does the work. Closing the iterator stops the work.
-    """
+    does the work. Closing the iterator stops the work."""
     guarded = partial(_answer, work=work)
     count = threads(client) if client else max(1, min(len(records), cores() if jobs is None else jobs))
     return _dealt(records, guarded, _no_answer, count, client) if count > 1 or client else map(guarded, records)
@@ -174,8 +172,7 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
     """Yield the result of `work` for every item, in order, worked out in `count` processes.
 
     work: can be pickled, and answers for its own failures. lost: makes the result of an item whose process died. Raises
-    BacklashError where no process starts.
-    """
+    BacklashError where no process starts."""
     # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
     context = multiprocessing.get_context("spawn")
     others, started = set(multiprocessing.active_children()), context.Event()

@@ -38,8 +38,7 @@ class Carry(Frozen, eq=False):
     head: (index, setpoint, measurement, state) of the first samples. tail: None where no sample was usable. travel: how
     far the output moved per hour [spans/h], reversals below 0.5 % left out; None without one. until: where the half
     periods that are the night's own begin; None if all depend on the night before. In histories kept before there was
-    such a place all are its own.
-    """
+    such a place all are its own."""
 
     Ti: float
     Tf: float
@@ -89,8 +88,7 @@ def resume(tail: Tail, night: Carry, shift: int) -> tuple[Segments, float | None
 
     shift: grid position of the earlier night's index 0 on the grid of `night`. Returns the half periods that ended,
     the grid position up to which they replace those of `night` (None: all of them), and the tail of `night` where it
-    depends on the night before (None: its own holds).
-    """
+    depends on the night before (None: its own holds)."""
     scanner = error_scanner(LoopSettings(K=1.0, Ti=night.Ti, Tf=night.Tf), night.interval)
     scanner.smooth.open = None if tail.open is None else replace(
         tail.open, begin=tail.open.begin + shift, last_index=tail.open.last_index + shift)

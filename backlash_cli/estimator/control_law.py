@@ -40,8 +40,7 @@ class LawFit(Frozen):
 
     values: (terms,) coefficients of `form.terms`. residuals: (windows,) sum of squares left in each window.
     unexplained: share of the output's variance that is left. filter_time: Tf [s]. weights: (windows,) of the fit;
-    sums: (windows, 5, 5) sums of products it rests on, see `window_sums`.
-    """
+    sums: (windows, 5, 5) sums of products it rests on, see `window_sums`."""
 
     form: LawForm
     values: FloatArray
@@ -94,8 +93,7 @@ class LawFit(Frozen):
 class LawRows(Frozen):
     """Setpoint, measurement and output (3, rows) on a grid of `interval` seconds; a jump of `index` is a gap.
 
-    known: sums of products made so far, for many fits rest on the same.
-    """
+    known: sums of products made so far, for many fits rest on the same."""
 
     index: IntArray
     signals: FloatArray
@@ -107,8 +105,7 @@ def window_sums(rows: LawRows, form: LawForm, filter_time: float) -> FloatArray:
     """Return the sums (windows, 5, 5) of products of output and terms, each less its mean over the window.
 
     filter_time: Tf [s] of the measurement filter (3). Windows never span a gap, the filter starts anew after one, and
-    windows in which the output stood still are left out, as are those that are less than half full.
-    """
+    windows in which the output stood still are left out, as are those that are less than half full."""
     window, settle, h = form.window, form.settle, rows.interval
     setpoint, measured, output = rows.signals
     firsts = np.flatnonzero(np.diff(rows.index, prepend=rows.index[0] - 2) != 1)

@@ -48,8 +48,7 @@ VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
 class Diagnosis(Frozen):
     """What an oscillation looks like. kind: as in `KINDS`. period [s]. d: gap that fits the mean cycle [span], if any.
 
-    grounds: the numbers it rests on. statement: the finding in words, with what the paper's number then means.
-    """
+    grounds: the numbers it rests on. statement: the finding in words, with what the paper's number then means."""
 
     kind: str
     period: float | None

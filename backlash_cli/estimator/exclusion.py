@@ -29,8 +29,7 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, span: float)
     tests: of each block length. evidence: of the record [nats]; length: in integral times; span (of OP): % of span. The
     signs are what gaps of L and more explain in the mean over block lengths, by how much one of these is above the
     mean at most, whatever the width, and the evidence, these three as sign times log1p; and the logs of length and of
-    span over L.
-    """
+    span over L."""
     widths, limits = tests[0].widths, np.array(LIMITS)
     gains = np.array([test.gain for test in tests])
     mean = gains.mean(axis=0)

@@ -99,8 +99,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     """Test gaps of `widths` (in the units of OP). gaps: `gaps_in` each recording, in the blocks of the prediction.
 
     known: `stem_known` in each recording. K: controller gain [OP units / PV units], None when not known. Ti, interval:
-    integral time, sampling interval [s]. The prediction is fitted anew to the rows that count for each gap.
-    """
+    integral time, sampling interval [s]. The prediction is fitted anew to the rows that count for each gap."""
     H, y, at, counts = p.columns, p.target, p.past_output, p.since(known)
     G, few = p.lagged(gaps), slice(0, FREE_LAGS)
     cross, own = _beside(p, G)

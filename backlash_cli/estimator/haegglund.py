@@ -53,8 +53,7 @@ def gate(duration: ArrayLike, dy: ArrayLike, e_max: ArrayLike, complete: ArrayLi
          Ti: float) -> NDArray[np.uint8]:
     """Return why each half period is refused, as its place in WHY; OK if it is not.
 
-    duration [s], dy and e_max [span], complete, d [output span]: (half_periods,).
-    """
+    duration [s], dy and e_max [span], complete, d [output span]: (half_periods,)."""
     why = np.where(np.asarray(d) <= 0.0, NOT_POSITIVE, OK).astype(np.uint8)
     why[np.asarray(e_max) >= SHAPE_LIMIT * np.asarray(dy)] = SHAPE
     why[np.asarray(duration) < SLOW_ENOUGH * Ti] = TOO_SHORT
@@ -89,8 +88,7 @@ def error_scanner(settings: LoopSettings, interval: float, *, every: bool = True
 def published_estimates(record: Record) -> tuple[Estimate, ...]:
     """Return every half period of at least 5 Ti of a record, as the publication treats it; `accepted` are detections.
 
-    The record's settings must hold K and Ti. Times are UTC epoch seconds. Source: Haegglund (2007), section 4.
-    """
+    The record's settings must hold K and Ti. Times are UTC epoch seconds. Source: Haegglund (2007), section 4."""
     scanner = error_scanner(record.settings, record.interval)
     scanner.update(record)
     found = estimate(scanner.smooth.finish(), record.interval, record.settings, record.start)
@@ -114,8 +112,7 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[
     """Return the share of the record in which the error oscillates, and the period [s]; (0, 0) where it does not.
 
     Half periods with IAE > 2 a / w, w = 2 pi / Ti (as a sine of period Ti has), are counted, forgetting over 50 Ti:
-    x <- lambda x + 1. segments: of the error after the measurement filter alone. Source: Haegglund (1995).
-    """
+    x <- lambda x + 1. segments: of the error after the measurement filter alone. Source: Haegglund (1995)."""
     large = np.flatnonzero(segments.complete & (segments.area * interval > AMPLITUDE * Ti / np.pi))
     ages = segments.end[large] * interval / (SUPERVISION * Ti)
     counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time

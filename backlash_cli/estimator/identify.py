@@ -56,8 +56,7 @@ class Identification(Frozen):
     b: weight of the setpoint in the P part, None when the setpoint stands still. Td is 0 unless the data show it.
     Tf: measurement filter [s] (3) that fits best. r2: share of the output's motion that is explained.
     interval: [s] of the rows used. form: "ideal PI" or "ideal PID". notes: what limits the result
-    (gain_uncertain, sampling_too_coarse, interpolated, one_frequency).
-    """
+    (gain_uncertain, sampling_too_coarse, interpolated, one_frequency)."""
 
     K: Identified
     Ti: Identified
@@ -87,8 +86,7 @@ def identify(record: Record) -> Identification | Note:
     """Read K, Ti, Td and setpoint weight of the controller from setpoint, measurement and output of one loop.
 
     A Note says why they cannot be read: no_output, output_constant, too_short, one_frequency, not_this_controller,
-    proportional_part_unseen, integral_part_unseen.
-    """
+    proportional_part_unseen, integral_part_unseen."""
     if record.output is None or not np.isfinite(record.output).any():
         return noted("no_output:settings")
     use = with_all_signals(record)

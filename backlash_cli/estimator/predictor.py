@@ -88,8 +88,7 @@ class Predictor(Frozen):
     columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
     the weights (rows,), so that sums over rows are weighted ones. coefficients, gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
-    loss: sum of squared errors, that of an imperfect model included. every: how many rows were there for each taken.
-    """
+    loss: sum of squared errors, that of an imperfect model included. every: how many rows were there for each taken."""
 
     size: int
     lags: Lags
@@ -114,8 +113,7 @@ class Predictor(Frozen):
     def lagged(self, signals: Sequence[FloatArray], count: int = 0) -> FloatArray:
         """Lags of further signals, (signals, lags, rows), the first `count` of them or all, weighted as the columns.
 
-        signals: (signals, blocks) of each of the recordings that the prediction was made of.
-        """
+        signals: (signals, blocks) of each of the recordings that the prediction was made of."""
         parts = [_lags_of(signals[i], self.lags, rows, count) for i, rows in zip(self._used, self._rows, strict=True)]
         together = np.concatenate(parts, axis=2) if len(parts) > 1 else parts[0]
         together *= np.sqrt(self.weights)

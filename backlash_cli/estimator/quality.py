@@ -35,8 +35,7 @@ class Storage(Frozen):
 
     share: of the samples that are not measurements of their own. run: samples per stored value, on average.
     deviation: smallest change that was stored (exception deviation), 0 when not seen. step: rounding step, 0 if none.
-    noise: standard deviation of the fast noise, from second differences.
-    """
+    noise: standard deviation of the fast noise, from second differences."""
 
     kind: str = "samples"
     share: float = 0.0
@@ -59,8 +58,7 @@ class Quality(Frozen):
 
     samples_per_Ti: None when Ti is not known. gaps: holes in time of more than one sample. op: None without output.
     setpoint_moves: share of samples at which the setpoint differs from the one before. measurement_range, output_range:
-    largest less smallest usable value. output_reversals_per_hour: turns by more than noise and rounding.
-    """
+    largest less smallest usable value. output_reversals_per_hour: turns by more than noise and rounding."""
 
     samples: int
     interval: float
@@ -138,8 +136,7 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
     """Judge the record of one loop. Ti: the controller's integral time [s], where it is not that of the settings.
 
     survey: of all samples, where the record holds the last ones only. Shares, ranges and gaps count every sample;
-    storage and noise come from an even sample of stretches, values that the reader put in left out.
-    """
+    storage and noise come from an even sample of stretches, values that the reader put in left out."""
     if survey is None:
         survey = Survey()
         survey.update(record)

@@ -37,8 +37,7 @@ def output_noise(noise: float, interval: float, settings: LoopSettings) -> float
     """Standard deviation of the noise on OP that the controller makes of white noise on PV [span of output].
 
     P and D part behind the measurement filter (3): K^2 s^2 h (1 / (4 Tf) + Td^2 / (4 Tf^3)); noise passes unfiltered
-    where the sampling is slower than the filter.
-    """
+    where the sampling is slower than the filter."""
     Tf = settings.filter_time or 0.0
     if Tf <= 0.0:
         return abs(settings.K or 0.0) * noise

@@ -15,8 +15,7 @@ def output_made(record: Record, settings: LoopSettings) -> tuple[FloatArray | No
 
     recorded: as it stands there. completed: from record to record on the course of the law, what that misses spread
     evenly, where a historian kept few values and the law, with the weight of the setpoint that fits best, leads from
-    one to the next. rebuilt: none was recorded. Without K and Ti there is only what was recorded.
-    """
+    one to the next. rebuilt: none was recorded. Without K and Ti there is only what was recorded."""
     output, known = record.output, record.usable & np.isfinite(record.measurement) & np.isfinite(record.setpoint)
     if not (settings.K and settings.Ti):
         return output, "recorded"
@@ -39,8 +38,7 @@ def rebuilt_output(record: Record, settings: LoopSettings, usable: NDArray[np.bo
 
     A digital controller acts at once on the PV that it reads, and the two are recorded together. The constant is
     unknown and does not matter to a dead band. After a hole in the record the integral goes on from where it was.
-    Source: Haegglund (2007), eqs 2 and 3. K and Ti must be known.
-    """
+    Source: Haegglund (2007), eqs 2 and 3. K and Ti must be known."""
     assert settings.K and settings.Ti
     out, at = np.full(len(record), np.nan), np.flatnonzero(usable)
     if len(at):

@@ -46,8 +46,7 @@ def find_period(values: FloatArray) -> tuple[float, float]:
     """Return the period [samples] and the height of the autocorrelation there; (0, 0) where nothing repeats.
 
     The first maximum after the first minimum below zero, refined by a parabola (Miao and Seborg, Control Engineering
-    Practice 7 (1999) 91, use the same maxima).
-    """
+    Practice 7 (1999) 91, use the same maxima)."""
     r = autocorrelation(values, max(len(values) // 3, 2))
     at = [*(np.flatnonzero(np.diff(r >= 0.0)) + 1).tolist(), len(r), len(r), len(r)]  # down, up and down again
     k = at[1] + int(np.argmax(r[at[1] : at[2]])) if at[1] < at[2] else len(r)
@@ -80,8 +79,7 @@ class MeanCycle(Frozen):
     left: share of it that remains with the best gap. d: that gap [span of output]. first_lag: lag [periods] of the
     process that fits then. harmonics: all above the first, over the first.
     integral_phase: lag of OP behind proportional action [degrees]; 90 is integral action alone.
-    symmetric: the second half of a cycle repeats the first upside down, as it does behind a gap or a sticking valve.
-    """
+    symmetric: the second half of a cycle repeats the first upside down, as it does behind a gap or a sticking valve."""
 
     misfit: float
     left: float

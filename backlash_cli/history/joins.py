@@ -37,8 +37,7 @@ def join(before: Carry, start_before: float, night: Carry, start: float, setting
 
     start_before, start: epoch seconds of grid position 0 of both nights. Returns the half periods over the cut, from
     when on the night's own count (epoch seconds), and the state at the night's end where it depends on the night
-    before. Nights that do not touch or ran other filters keep all their own.
-    """
+    before. Nights that do not touch or ran other filters keep all their own."""
     h, tail = night.interval, before.tail
     shift = round((start_before - start) / h)
     misfit = abs((start_before - start) / h - shift)
@@ -55,8 +54,7 @@ def distinct(half_periods: list[Estimate]) -> list[Estimate]:
     """Return half periods in time order with no moment counted twice, where exports overlap.
 
     The accepted ones go first, then the complete ones; one that shares more than half of itself with a kept one is
-    left out.
-    """
+    left out."""
     kept: list[Estimate] = []
     for p in sorted(half_periods, key=lambda p: (not p.accepted, p.why == "incomplete", -p.dt_s, p.start)):
         place = bisect_left(kept, p.start, key=lambda q: q.start)

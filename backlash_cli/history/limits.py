@@ -63,8 +63,7 @@ class Limits(Frozen):
     def with_classes(self, settings: Metadata, where: str) -> Limits:
         """Return a copy in which loops have the class that their settings name; the profile's own loops go first.
 
-        settings: of the loops file `where`. Raises MetadataError for a class that the profile does not know.
-        """
+        settings: of the loops file `where`. Raises MetadataError for a class that the profile does not know."""
         def named(values: Mapping[str, Any]) -> str:
             return self.known(str(values["limit_class"]), f"{where}, limit_class")
 
@@ -77,8 +76,7 @@ class Limits(Frozen):
 def read_limits(path: str | Path | None = None) -> Limits:
     """Read a limits profile; without `path` the one that comes with the tool.
 
-    Raises MetadataError naming the file, the entry, and the remedy.
-    """
+    Raises MetadataError naming the file, the entry, and the remedy."""
     if path is None:
         return parse_limits(files("backlash_cli.history").joinpath("limits.toml").read_text("utf-8"), "limits.toml")
     return parse_limits(read_page(path, "the limits profile", "check the path given to --limits"), str(path))

@@ -48,8 +48,7 @@ class Way(NamedTuple):
 
     rate: of the growth, times by which it multiplies from the first night to the last (e-folds; negative where it
     slows down; inf: a straight growth that becomes another one at once). at: where an S-shaped growth is fastest, or
-    where that is, in parts of the same time.
-    """
+    where that is, in parts of the same time."""
 
     order: int = 1
     within: float = inf
@@ -139,8 +138,7 @@ class Fit:
     """One way to bend through the nights.
 
     evidence: log likelihood with the scale of the noise integrated out (inverse gamma about 1); scale: mean of that.
-    prior: belief in the way and its shocks; score: both.
-    """
+    prior: belief in the way and its shocks; score: both."""
 
     def __init__(self, nights: Nights, way: Way) -> None:
         self.nights, self.way, self.usual = nights, way, float(np.median(nights.size))

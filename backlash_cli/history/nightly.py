@@ -50,8 +50,7 @@ class NightlyConfig(Page, frozen=True):
 
     inputs: patterns of exports; `{date}` or `{date:%Y%m%d}` stands for the day, `*` and `?` for any characters.
     together: exports without a date are one plant, not one night each. look_back: days before the newest export that
-    are looked at. reading: options of how to read exports. path: of the configuration itself.
-    """
+    are looked at. reading: options of how to read exports. path: of the configuration itself."""
 
     inputs: str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     history: Path
@@ -72,8 +71,7 @@ class NightlyConfig(Page, frozen=True):
 def read_config(path: str | Path) -> NightlyConfig:
     """Read the configuration of the nightly job.
 
-    Raises MetadataError naming the file, the key, and the remedy.
-    """
+    Raises MetadataError naming the file, the key, and the remedy."""
     path, example = Path(path), "docs/nightly.md shows an example"
 
     def beside(kind: type, value: Any) -> Path:
@@ -114,8 +112,7 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
                  ) -> tuple[list[DatedExport], list[str]]:
     """Return exports in the order of their dates, and the names of those over `look_back` days before the newest.
 
-    Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`).
-    """
+    Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`)."""
     nights: dict[date | str, list[Path]] = {}
     for path, day in sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0]):
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
@@ -168,8 +165,7 @@ def lock(path: Path) -> Iterator[str]:
 
     The operating system gives the lock back when a run dies. The file holds process and host of the run that works and
     is empty when none does: one that is not empty and that nobody holds was left by a run that was killed. Raises
-    BacklashError when another run works.
-    """
+    BacklashError when another run works."""
     try:
         file = open(path, "a+b", buffering=0)  # noqa: SIM115
     except OSError as error:

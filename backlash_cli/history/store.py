@@ -47,8 +47,7 @@ class History(contextlib.AbstractContextManager["History"]):
 
     path: the SQLite file. create: make it where it does not exist; an older one is brought up to date. patience:
     seconds to wait for another run. say: is told, once, when this run waits for another one. Raises BacklashError with
-    the remedy for all that can go wrong.
-    """
+    the remedy for all that can go wrong."""
 
     def __init__(self, path: str | Path, *, create: bool = False, patience: float = PATIENCE,
                  say: Callable[[str], object] = lambda text: None) -> None:
@@ -79,8 +78,7 @@ class History(contextlib.AbstractContextManager["History"]):
         content stay untouched. Returns the nights, as (loop, day), that are `new`, `unchanged` or `revised`, and the
         loops without a time (`untimed`), which are not stored.
 
-        export: name and fingerprint of the export they come from, for the nightly job to know it again.
-        """
+        export: name and fingerprint of the export they come from, for the nightly job to know it again."""
         done: dict[str, list[Any]] = {"new": [], "unchanged": [], "revised": [], "untimed": []}
         with self.transaction():
             for result in results:
@@ -129,8 +127,7 @@ class History(contextlib.AbstractContextManager["History"]):
     def half_periods(self, loop: str, days: float = math.inf) -> list[Estimate]:
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
-        days: only of nights that end within so many days before the last.
-        """
+        days: only of nights that end within so many days before the last."""
         rows = self._nights(loop)
         since = max((row["end"] for row in rows), default=0.0) - days * DAY
         found: list[Estimate] = []
@@ -232,8 +229,7 @@ class History(contextlib.AbstractContextManager["History"]):
 def night_row(report: LoopReport) -> dict[str, Any]:
     """Return the row of table `nights` for a report that has a time.
 
-    digest: fingerprint of the row, the half periods and the carry.
-    """
+    digest: fingerprint of the row, the half periods and the carry."""
     # a number that the verdict refused is not a point of the wear
     claimed, s = report.claimed, report.settings
     d, low, high = (claimed.d, *claimed.ci95) if claimed else (None, None, None)

@@ -103,8 +103,7 @@ def _fitted(part: Sequence[Night]) -> tuple[Segment | None, Trend | None]:
 def points_of(nights: Sequence[Night]) -> tuple[list[Night], list[tuple[str, str]]]:
     """Return the nights that say something, with the size that counts, and the others as (day, code of the reason).
 
-    Two kinds of estimate are never mixed: the one that most nights have stands for the loop.
-    """
+    Two kinds of estimate are never mixed: the one that most nights have stands for the loop."""
     sized = [n for n in nights if n.d is not None]
     source = "confirmation" if 2 * sum(n.source == "confirmation" for n in sized) >= len(sized) else "cluster"
     points, gaps = [], []
@@ -124,8 +123,7 @@ def measurements(sized: Sequence[Night]) -> Nights:
     """Return sizes with their errors, from nights in time order that all have a size; days since 1970.
 
     The usual interval at that time counts, or the night's own where that is much wider; not the night's own dead band,
-    which would pull low. What neighbouring nights scatter more, or less, than their intervals say corrects them all.
-    """
+    which would pull low. What neighbouring nights scatter more, or less, than their intervals say corrects them all."""
     time, size = np.array([[p.time / DAY, p.d] for p in sized], float).T
     half = np.array([0.5 * (p.ci95[1] - p.ci95[0]) if p.ci95 else np.nan for p in sized])
     about = pd.DataFrame({"usual": half, "level": size}).rolling(WINDOW, center=True, min_periods=1).median()
@@ -149,8 +147,7 @@ def _found(loop: str, parts: Sequence[Part]) -> list[Repair]:
     """Return repairs seen in the data that nobody marked; searched between the marked ones.
 
     Wear makes a dead band grow slowly; nothing but a repair makes it fall, suddenly and lastingly. Either a step of the
-    sizes down (`find_shocks`), or nights that nearly all see no dead band where nearly all did before.
-    """
+    sizes down (`find_shocks`), or nights that nearly all see no dead band where nearly all did before."""
     out = []
     for number, (nights, _, trend) in enumerate(parts):
         sized = [k for k, p in enumerate(nights) if p.d is not None]
@@ -195,8 +192,7 @@ def _falls_silent(part: Sequence[Night]) -> list[tuple[int, float, float]]:
 def held_out(nights: Nights) -> HeldOut | None:
     """Compare a straight line and the local trend on the last nights, that neither fit has seen; None with too few.
 
-    Which nights lie apart, and where steps are, is known to both from all nights.
-    """
+    Which nights lie apart, and where steps are, is known to both from all nights."""
     count = len(nights) - min(max(int(HIDDEN * len(nights)), LEAST), 30)
     hidden = count + np.flatnonzero(~nights.apart[count:])
     if count < 2 * ENOUGH or not len(hidden):

@@ -56,8 +56,7 @@ class Unfinished:
     def add(self, key: str, report: LoopReport | Note) -> None:
         """Keep the report of a finished loop; one that failed is tried again next time. key: empty, nothing is kept.
 
-        A full disk costs no more than the resuming.
-        """
+        A full disk costs no more than the resuming."""
         if not key or isinstance(report, Note) or report.verdict is Verdict.ERROR:
             return
         with contextlib.suppress(OSError, TypeError, ValueError, OverflowError):
@@ -79,8 +78,7 @@ class Unfinished:
 def to_text(key: str, report: LoopReport) -> bytes:
     """Return a finished loop and its key as text without a line end: numbers with all their digits, arrays as such.
 
-    Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was.
-    """
+    Raises TypeError, ValueError or OverflowError for what cannot be brought back as it was."""
     return base64.b64encode(msgspec.msgpack.encode((key, report), enc_hook=_plain))
 
 

@@ -39,8 +39,7 @@ class Left(Frozen):
     def adequate(self, gains: Iterable[float]) -> bool:
         """True when nothing but noise and load is left that matters beside what each accepted effect gained.
 
-        No real plant is a chain of textbook blocks: with enough samples something always shows.
-        """
+        No real plant is a chain of textbook blocks: with enough samples something always shows."""
         return self.share < VISIBLE or (bool(least := [*gains]) and self.score < MATTERS * min(least))
 
 

@@ -49,8 +49,7 @@ class Judge(Frozen):
 
     A random load that may wander without limit explains a drift or a step as well as the real cause does, but does not
     predict PV from OP. The error of that prediction, over as many stretches as are independent, decides where the
-    deviance cannot; it counts for less the more OP only answers to the load (see `problem`).
-    """
+    deviance cannot; it counts for less the more OP only answers to the load (see `problem`)."""
 
     problem: Problem
     lag: float

@@ -28,8 +28,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
     The numbers of a given model are kept; only the offset, the forgotten start and the place of the stem at the
     start are matched, in turn on the other blocks for the hold-out error. A record that the model was not fitted to
     is all hold-out; for its own record the hold-out error is the one that the model keeps.
-    Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples).
-    """
+    Raises LoopError when there is nothing to compare (no OP, constant signals, too few samples)."""
     record = record if model is None else in_ranges_of(record, model)
     problem = problem_from_record(record)
     plain = better(problem, baseline(problem))

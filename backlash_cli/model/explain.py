@@ -31,8 +31,7 @@ def explain(record: Record, model: Model | None = None, *, add: Sequence[Effect 
 
     model: go on from this model; its effects stay and are refitted. add: effects to add instead of a search.
     effects: further effects to try beside the project's own. seed: of the random trials; same seed, same answer.
-    Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted.
-    """
+    Raises LoopError when there is nothing to fit, UsageError for an effect that cannot be fitted."""
     record = record if model is None else in_ranges_of(record, model)
     problem, *between = readings(problem_from_record(record, seed))
     more, chosen = ([load_effect(e) if isinstance(e, str) else e for e in several] for several in (effects, add))
@@ -153,8 +152,7 @@ def confidence(found: Found, held: Sequence[Part], by_user: Sequence[str], alike
     A stand-in lowers the error, but what is left matters beside it, or an effect of another kind does as well in its
     place. An effect of little evidence is likely. A look-alike of its own kind leaves open which of the two it is, not
     that one of them is there: both are named.
-    reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps.
-    """
+    reports: PV is known only where an exception test let it through, which looks like a valve that moves in jumps."""
     out = {part.effect.name: "clear" for part in held}
     for part in found.final.shape.parts:
         name, fitting = part.effect.name, part.effect.fitting

@@ -192,8 +192,7 @@ def curvature(solver: Solver, shape: Shape) -> tuple[FloatArray, FloatArray]:
     """Return half the Hessian (numbers, numbers) and gradient (numbers,) of the whitened sum of squares.
 
     The linear numbers follow the searched ones, but what their following does to the slopes in second order is left
-    out (Kaufman, BIT 15, 1975): one column per number instead of a new solution.
-    """
+    out (Kaufman, BIT 15, 1975): one column per number instead of a new solution."""
     _, _, rest = solver.rest(shape)
     Z = slopes(solver, shape, free_numbers(solver.problem, shape))
     B = solver.columns(shape).T @ Z

@@ -30,8 +30,7 @@ def half_widths(problem: Problem, fitted: Fit) -> dict[Place, float]:
     Two covariances are taken, and of each number the larger deviation: that of a whitened rest which is white, and
     that of the sums of slope times rest over stretches, which holds for a rest of any colour (White 1980; Newey and
     West 1987). Profiles of the likelihood, which cost some fits each, hold the truth no more often
-    (tests/benchmarks/interval_coverage.py: 0.96 of 735 intervals, these 0.95).
-    """
+    (tests/benchmarks/interval_coverage.py: 0.96 of 735 intervals, these 0.95)."""
     solver, shape = Solver(problem, fitted.noise), fitted.shape
     free = free_numbers(problem, shape)
     _, rss, rest = solver.rest(shape)
@@ -81,8 +80,7 @@ def unseen_travel(problem: Problem, effect: Effect, q: Parameter, value: float) 
     """Return by how much a gap may be wider than OP as recorded says: OP turned between the stored samples.
 
     A gap is crossed from the highest to the lowest OP, and a controller that works faster than the historian stores
-    goes beyond both. What storing half of the samples would cut off the peaks tells what storing these has cut off.
-    """
+    goes beyond both. What storing half of the samples would cut off the peaks tells what storing these has cut off."""
     if effect.stage != Stage.VALVE or q.unit != "span" or q.nuisance or not np.isfinite(q.neutral) or value <= 0.0:
         return 0.0
     u = problem.output

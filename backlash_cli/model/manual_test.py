@@ -144,8 +144,7 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     recordings: one for each test, OP and PV in % of span, `usable` where the controller was in manual; what lies before
     tells where the stem stood. interval: of the samples [s]. K: controller gain [OP / PV], Ti: integral time [s], where
     known: the sign of the answer, and whether there should be one. Returns a Confirmation in spans; its details name
-    the `source`, and the evidence (nats) left without the turn of OP that brings the most (`elsewhere`).
-    """
+    the `source`, and the evidence (nats) left without the turn of OP that brings the most (`elsewhere`)."""
     data = _blocks(recordings, interval)
     if data is None:
         return noted("manual_short", least=FEWEST_BLOCKS)
@@ -331,8 +330,7 @@ def _limit(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArr
     """Smallest dead band [% of span] that would have left a trace and did not, each wider one too or refuted; or None.
 
     What the best model without a dead band says of PV is said of a valve with one; what of it no answer without one
-    explains is, over twice the variance of the errors, the evidence to expect, its deviation the root of twice that.
-    """
+    explains is, over twice the variance of the errors, the evidence to expect, its deviation the root of twice that."""
     k = int(none.normal[:, 0].argmax())
     (noise, answer), b = models[k], none.coefficients[k, 0]
     answers = list(dict.fromkeys(a for _, a in models))

@@ -78,8 +78,7 @@ def downhill(x: FloatArray, squares: Callable[[FloatArray], float], local: Calla
 
     squares: sum over `samples` errors; the deviance is samples times its logarithm. local: half the Hessian (numbers,
     numbers) and gradient (numbers,) of the squares. low, high: (numbers,) bounds. most: the longest step.
-    Source: Levenberg (1944), Marquardt (1963), damping scaled by the diagonal.
-    """
+    Source: Levenberg (1944), Marquardt (1963), damping scaled by the diagonal."""
     least = squares(x)
     for _ in range(rounds):
         A, g = local(x)
@@ -105,8 +104,7 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     """Return the noise of greatest likelihood for an error (samples,), 0 where not `used`, searched from `first`.
 
     With the noise variance profiled out the likelihood is greatest where the sum of squares of the innovations, each
-    times (product of their variances)^(1 / 2n), is smallest.
-    """
+    times (product of their variances)^(1 / 2n), is smallest."""
     longest = SLOWEST * h * len(error)
     low, high = np.log([[1e-3, 1e3], [0.5 * h, longest], [0.1 * h, longest]]).T
     count, none = int(np.count_nonzero(used)), (np.empty((0, 2)), np.empty(0))

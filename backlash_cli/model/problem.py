@@ -45,8 +45,7 @@ class Problem(Frozen, eq=False):
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
     matters. seed: of random trials of a search. start: epoch seconds of the first sample. origin: as of `output_made`.
     others: columns of the last shapes, and OP as their valves moved it, by what they were made of; most trials of a fit
-    leave them as they are.
-    """
+    leave them as they are."""
 
     loop: str
     interval: float

@@ -61,8 +61,7 @@ def with_reasons(problem: Problem, gain: float, candidates: Sequence[Candidate],
     """Return the candidates, each that was not accepted with the reason.
 
     gain: of the process. alike: (accepted, other) that the record cannot tell apart. siblings: look-alikes by name.
-    reason: why nothing can be told about the loop at all. enough: evidence that an effect must bring.
-    """
+    reason: why nothing can be told about the loop at all. enough: evidence that an effect must bring."""
     move = usual_move(problem)
     turns = sum(map(len, turning_points(problem.output, max(move, 0.02 * float(np.ptp(problem.output))))))
     finest = max(problem.floor / max(abs(gain), 1e-9), move)
@@ -102,8 +101,7 @@ def why_not(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part,
             error_of: Callable[[Model, Shape], float | None]) -> tuple[Note, ...]:
     """Return the reasons why a kept model predicts a record no better than the plain one fitted to it; () if it does.
 
-    shape: of the model, matched to this record. holdout: its error here. error_of: hold-out error of another model.
-    """
+    shape: of the model, matched to this record. holdout: its error here. error_of: hold-out error of another model."""
     if holdout < (1.0 - ABOUT) * plain.rmse_holdout:
         return ()
     without = {name: error_of(model.without(name), shape.without(name)) for name in shape.names}

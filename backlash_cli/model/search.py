@@ -37,8 +37,7 @@ class Found(Frozen, eq=False):
     """What a search came to. baseline: without effects. first: the best fit with each single effect added.
 
     final: with all accepted effects. without: the fit without each accepted effect, by name. instead: for each
-    accepted effect, other effects in its place, by both names. left: what the final model leaves.
-    """
+    accepted effect, other effects in its place, by both names. left: what the final model leaves."""
 
     baseline: Fit
     first: dict[str, Fit]
@@ -82,8 +81,7 @@ def baseline(problem: Problem) -> Fit:
 def rich_fit(judge: Judge, effects: Sequence[Effect]) -> Fit:
     """Fit at once what loops have most often: play, a second lag, and steps of the load where they help.
 
-    Each alone may gain nothing where the lag of a model without the others has moved to make up for them.
-    """
+    Each alone may gain nothing where the lag of a model without the others has moved to make up for them."""
     play, lag, steps = (next(e for e in effects if e.name == name) for name in ("backlash", "second_lag", "load_step"))
     second = Part(lag, {"tau2": SECOND * (judge.problem.settings.Ti or judge.lag)})
     found = [judge.best(fits_with(judge.problem, (Part(play, {"d": d, "position": 0.0}), second))) for d in GAPS]
@@ -109,8 +107,7 @@ def fits_with(problem: Problem, parts: tuple[Part, ...]) -> list[Fit]:
 
 def search(problem: Problem, effects: Sequence[Effect], start: Fit) -> Found:
     """Add effects to `start` while each brings enough, or begin with several; then swap and take out until nothing does
-    better. Where the usual effects leave more than noise and load, the seldom ones are tried, too.
-    """
+    better. Where the usual effects leave more than noise and load, the seldom ones are tried, too."""
     judge = Judge(problem, min(start.shape.lag, problem.settings.Ti or start.shape.lag))
     usual, seldom = ([e for e in effects if e.fitting.seldom is rare] for rare in (False, True))
     now, first, known = start, dict[str, Fit](), [start]
@@ -226,8 +223,7 @@ def idle(problem: Problem, fitted: Fit, part: Part) -> bool:
 def best_known(judge: Judge, fitted: Fit, known: Sequence[Fit]) -> Fit:
     """Return the best of a fit and those known with the same effects or their look-alikes.
 
-    Slopes alone may end in a poorer valley, and an effect taken out may leave the other look-alike the better one.
-    """
+    Slopes alone may end in a poorer valley, and an effect taken out may leave the other look-alike the better one."""
     return judge.best([fitted, *(k for k in known if families(k.shape.parts) == families(fitted.shape.parts))])
 
 
@@ -239,8 +235,7 @@ def families(parts: Sequence[Part]) -> list[str]:
 def taken_out(judge: Judge, now: Fit, name: str) -> Fit:
     """Return the model without one effect, the others refitted; an effect with many valleys looks around for a better.
 
-    Else the effect taken out would seem to be worth what the other lost by staying in its valley.
-    """
+    Else the effect taken out would seem to be worth what the other lost by staying in its valley."""
     problem = judge.problem
     less = fit(problem, now.shape.without(name), now.noise)
     if not any(jumpy(part.effect) for part in less.shape.parts):

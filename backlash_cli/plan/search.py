@@ -80,8 +80,7 @@ class Played:
 def plan(record: Record, options: PlanOptions | None = None, report: LoopReport | None = None) -> LoopPlan | None:
     """Return what would decide a loop, None where the scan has decided it or could not read it.
 
-    report: the record's scan, made here if not given. Advice to a person; nothing is written to a control system.
-    """
+    report: the record's scan, made here if not given. Advice to a person; nothing is written to a control system."""
     options, report = options or PlanOptions(), report or scan(record)
     if report.verdict not in UNDECIDED:
         return None

@@ -106,8 +106,7 @@ class Twin(Frozen, eq=False):
         """Return what the historian would keep of a test, and the whole simulation with the time [s] of its start.
 
         around: ordinary operation [s] before the test and after it, in the record.
-        Raises LoopError where the loop cannot be held stable.
-        """
+        Raises LoopError where the loop cannot be held stable."""
         for attempt in range(TRIES):
             with contextlib.suppress(LoopError):
                 return self._play(test, np.random.default_rng([seed, attempt]), around, self.spread)
@@ -178,8 +177,7 @@ def twins_of(record: Record, sizes: Sequence[float], rounding: tuple[float, floa
     """Make twins of a record whose settings hold K and Ti, as if its valve had each of these dead bands [span].
 
     They share the process: that of the dead band with which the record tells it best. Raises LoopError where OP was not
-    recorded or no stretch of the record can be used.
-    """
+    recorded or no stretch of the record can be used."""
     if record.output is None:
         raise LoopError("no controller output (OP) in the data", where=record.loop, code="no_output")
     controller = Controller.of(record.settings, low=min(0.0, float(np.nanmin(record.output))),

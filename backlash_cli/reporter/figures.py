@@ -78,8 +78,7 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
 
     Of a window also the stem, as OP through a gap of the size found, with the stretches shaded where OP crosses the gap
     while the stem stands still. points: per line, smallest and largest of each piece, so that no peak is lost. room:
-    least distance of the estimates that are written above, as a share of the width.
-    """
+    least distance of the estimates that are written above, as a share of the width."""
     part = record if window is None else record.slice(window.start, window.stop)
     (pv_span, pv_unit), (op_span, op_unit) = shown(record.settings.pv_range), shown(record.settings.op_range)
     line = partial(over_time, part.time, index=part.index, points=points)

@@ -27,8 +27,7 @@ def form_of(output: Path | None, forms: Mapping[str, str]) -> str:
 def write_text(path: str | os.PathLike[str], text: str | Iterable[str]) -> None:
     """Write a text, or one in pieces, as UTF-8 to `path`, whole or not at all.
 
-    Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched.
-    """
+    Raises BacklashError when the disk is full or the folder cannot be written; the old file is then untouched."""
     with (replacing(path) as temporary,
           temporary.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file):
         file.writelines([text] if isinstance(text, str) else text)
@@ -40,8 +39,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     It stands in the same folder, because only then is the move one step for every reader. On any failure, and on
     Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe (/dev/stdout) is
-    written straight, since it must not be replaced by a file. Raises BacklashError as `write_text`.
-    """
+    written straight, since it must not be replaced by a file. Raises BacklashError as `write_text`."""
     given, target = Path(path), Path(os.path.realpath(path))
     with _told(path):
         mode = given.stat().st_mode if given.exists() else None

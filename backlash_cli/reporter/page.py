@@ -35,8 +35,7 @@ def page(template: str, title: str, *, subtitle: str = "", plotly_file: str = ""
 
     template: file that says what stands on the page; content: the values it asks for. Figures (plotly Figure, or its
     dict) and library are packed, a third of their size. plotly_file: relative address of a plotly.js beside the page
-    instead of the library inside. back: (address, words) of a link above the title.
-    """
+    instead of the library inside. back: (address, words) of a link above the title."""
     figures: list[str] = []  # as text, a fifth of the memory that their numbers take
 
     def plot(figure: Any) -> Markup:

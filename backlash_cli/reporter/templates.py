@@ -28,8 +28,7 @@ def environment(kind: str) -> jinja2.Environment:
     """Return the environment of "html" or "txt" templates, in which foreign text is harmless wherever it is put.
 
     Functions of `words` and `safe` are both filters and functions there; so are the sentences, which are templates of
-    the environment "words", in which everything is left as it is.
-    """
+    the environment "words", in which everything is left as it is."""
     def shown(value: Any) -> Any:
         # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
         return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))

@@ -88,8 +88,7 @@ def to_ideal(values: Mapping[str, Any]) -> Tuning:
 
     PB is the proportional band in % (K = 100/PB). `reset` is an integral action in repeats per time and needs
     its unit. With form = "parallel", Ti and Td are the independent times 1/Ki and Kd.
-    Raises MetadataError naming the key that is wrong.
-    """
+    Raises MetadataError naming the key that is wrong."""
     form = str(values.get("form", "ideal")).strip().lower()
     if form not in FORMS:
         raise MetadataError(f"form = {values['form']!r:.60} is not known", remedy=nearest(form, FORMS))

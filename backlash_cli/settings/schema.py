@@ -91,8 +91,7 @@ def parse_toml(text: str, where: str) -> Metadata:
 def parse_table(text: str, where: str) -> Metadata:
     """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
 
-    Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column.
-    """
+    Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column."""
     head = text.partition("\n")[0]
     delimiter = max(";\t,", key=head.count)
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
@@ -183,8 +182,7 @@ class Settings(Frozen):
     """Settings of one loop before the data are seen.
 
     loop: K and Kp as given (see `engineering`), times in seconds. pv_range, op_range: None when not given.
-    engineering: K and Kp are in output units per measurement unit and back. notes: what was assumed.
-    """
+    engineering: K and Kp are in output units per measurement unit and back. notes: what was assumed."""
 
     loop: LoopSettings
     pv_range: tuple[float, float] | None = None

@@ -89,8 +89,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
 
     process: given process, else fitted to the record. dead_band: given size [span of output], else from a scan.
     report: the record's scan, made here if not given.
-    Raises LoopError when the settings, the dead band or the process cannot be had from the record.
-    """
+    Raises LoopError when the settings, the dead band or the process cannot be had from the record."""
     report = report or scan(record)
     settings = report.settings
     if settings.K is None or settings.Ti is None:
@@ -163,8 +162,7 @@ def density_of(record: Record, controller: Controller) -> float:
 
     A controller that samples faster than the historian sees less of the noise than the recorded PV tells. OP shows how
     much arrives; but OP is often rounded, which looks like noise. The smaller of the two is right. Third differences
-    of OP pass (2 sin(w h/2))^6 of K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, 20 times white noise.
-    """
+    of OP pass (2 sin(w h/2))^6 of K^2 (1 + w^2 Td^2) / (1 + w^2 Tf^2)^2, 20 times white noise."""
     def deviation(values: FloatArray) -> float:
         on_grid = np.full(len(record) and record.index[-1] - record.index[0] + 1, np.nan)
         on_grid[record.index - record.index[0]] = np.where(record.state == SampleState.GOOD, values, np.nan)
@@ -184,8 +182,7 @@ def noise_gains(controller: Controller) -> tuple[float, float]:
     """Return standard deviations of filtered measurement and output per square root of the noise density [s^-1/2].
 
     Behind 1/(1 + s Tf)^2 white noise of density S has the variance S/(4 Tf); P and D part together multiply the
-    spectrum by K^2 (1 + w^2 Td^2), which makes K^2 (1 + Td^2/Tf^2) S/(4 Tf) (Parseval). The integral part is slow.
-    """
+    spectrum by K^2 (1 + w^2 Td^2), which makes K^2 (1 + Td^2/Tf^2) S/(4 Tf) (Parseval). The integral part is slow."""
     tf = controller.filter_time
     filtered = 1.0 / np.sqrt(4.0 * tf)
     return float(filtered), float(abs(controller.K) * filtered * np.hypot(1.0, controller.Td / tf))

@@ -18,8 +18,7 @@ class Controller(Frozen):
     K: output span per measurement span; negative for a process with negative gain. Ti, Td, Tf: seconds; Tf is by
     default Td/5 (PID) or Ti/10 (PI). b, c: setpoint weights, 0 in the paper. low, high: output limits.
     tracking_time: anti-windup by back calculation [s], default sqrt(Ti Td) (PID) or Ti (PI).
-    Source: Haegglund (2007), eqs 2 and 3; anti-windup Astrom and Haegglund, Advanced PID Control (2006).
-    """
+    Source: Haegglund (2007), eqs 2 and 3; anti-windup Astrom and Haegglund, Advanced PID Control (2006)."""
 
     K: float
     Ti: float
@@ -84,8 +83,7 @@ class Compensator(Frozen):
 
     gain: span of output. scheme: (7) sign of the output's change, (8) of the filtered output's change, (9) of the
     control error. filter_time: seconds, for (8) default Td/5 (PID) or Ti/10 (PI), eq. 10, for (9) an extra filter of
-    the error, default none. hysteresis: the error must pass this far beyond zero before the sign of (9) changes.
-    """
+    the error, default none. hysteresis: the error must pass this far beyond zero before the sign of (9) changes."""
 
     gain: float = 0.0
     scheme: Scheme = Scheme.ERROR

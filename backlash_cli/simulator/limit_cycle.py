@@ -42,8 +42,7 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
 
     Solves C(i w) P(i w) N(d/a) = -1. The period does not depend on d, the amplitudes are proportional to it.
     Stable in the sense of Loeb: a slightly larger oscillation dies down, a smaller one grows. A loop that is unstable
-    without any dead band is outside this question.
-    """
+    without any dead band is outside this question."""
     from scipy.optimize import brentq
 
     # the phase of N falls steadily from 0 to -pi/2 while the sine gets smaller, so it can be read backwards

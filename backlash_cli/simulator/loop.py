@@ -69,8 +69,7 @@ class Trace(Frozen, eq=False):
 
     measurement: after sensor effects. output: of the controller, compensation included. valve: after valve effects,
     before the load. process_output: before sensor effects. error: ysp - yf as the controller sees it.
-    by_hand: True in manual. columns: name -> further measured signals.
-    """
+    by_hand: True in manual. columns: name -> further measured signals."""
 
     scenario: Scenario
     setpoint: FloatArray

@@ -18,8 +18,7 @@ class Process(Frozen):
     Coefficients start with the highest power of s. gain: measurement span per output span (per second if
     integrating). lags, dead_time: seconds. source: "given" or "fitted"; evidence: fall of -2 log likelihood that a
     fitted one brings; profile: (dead band, evidence) of smaller dead bands with it. Raises MetadataError for negative
-    times or a model that is not causal.
-    """
+    times or a model that is not causal."""
 
     gain: float = 1.0
     lags: tuple[float, ...] = ()
@@ -73,8 +72,7 @@ class Process(Frozen):
         """Return the exact model for an input held over `step` seconds, fractional dead time included.
 
         decay, newer, older, readout, delay of x[k+1] = decay x[k] + newer u[k-delay] + older u[k-delay-1],
-        y[k] = readout x[k].
-        """
+        y[k] = readout x[k]."""
         from scipy.signal import cont2discrete
 
         a, b, c = self._state_space()

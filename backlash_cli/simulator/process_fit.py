@@ -45,8 +45,7 @@ class Fit(Frozen, eq=False):
 
     joined: (blocks,) True where a block and the one before it were recorded. Ti [s], sign: of the gain. known_gain:
     None where the settings do not tell it. whitening: (ORDER + 1,) the filter behind which PV and prediction are
-    compared. A shape is first lag, second lag and dead time [s].
-    """
+    compared. A shape is first lag, second lag and dead time [s]."""
 
     x: FloatArray
     y: FloatArray
@@ -143,8 +142,7 @@ def fit_process(record: Record, d: float, known_gain: float | None = None, *, in
 
     The record's settings must hold K and Ti. known_gain: static gain, when it is known. integrating: whether the answer
     may be an integrating process, of which only the ratio of gain to lag can be seen. Raises LoopError when OP is
-    absent or rests, the record is too short, PV does not answer to OP, or the process integrates and may not.
-    """
+    absent or rests, the record is too short, PV does not answer to OP, or the process integrates and may not."""
     K, Ti = record.settings.K or 1.0, record.settings.Ti or 1.0
     if record.output is None:
         raise LoopError(**explained("fit_no_output", give=GIVE), where=record.loop)

@@ -28,8 +28,7 @@ class Applied(Frozen, eq=False):
 def use(name: str | Effect, *, column: str | None = None, **parameters: object) -> Applied:
     """Return an effect with its parameters, for example use("backlash", d=0.03).
 
-    name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist.
-    """
+    name: a name of `backlash effects`, `module:NAME`, or an Effect. Raises MetadataError for what does not exist."""
     effect = name if isinstance(name, Effect) else load_effect(name)
     return Applied(effect, effect.pack(parameters), column)
 
@@ -47,8 +46,7 @@ def draw_lines(original: FloatArray, held: FloatArray) -> FloatArray:
     """Join the samples that were reported by straight lines, as a historian interpolates.
 
     original, held: (samples,) before and after exception reporting. A sample was reported when the held value moved;
-    the sample before it is reported too, as exception reporting does, so that a hold does not become a ramp.
-    """
+    the sample before it is reported too, as exception reporting does, so that a hold does not become a ramp."""
     moved = np.flatnonzero(np.diff(held) != 0.0) + 1
     points = np.unique(np.concatenate([[0], moved - 1, moved, [held.size - 1]]))
     return np.interp(np.arange(held.size), points, original[points])
@@ -77,8 +75,7 @@ class Scenario(Frozen):
     sample_time. effects: of the loop; each sits at its own stage, in the order given. columns: further measured
     signals. recorder: what the historian does to recorded signals. seed: of every random effect. start: epoch
     seconds. pv_range, op_range: engineering values of 0 and 1 in a written file. hidden: settings, such as Kp, that
-    the metadata keep to themselves.
-    """
+    the metadata keep to themselves."""
 
     controller: Controller
     process: Process
