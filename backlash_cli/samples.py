@@ -183,7 +183,8 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
             effect = {"effect": "blocks"} if kind == "apart" else {}  # not the signals of one loop: no verdict
-            found.append(noted(_KINDS[kind][1], {"samples": float(counts[kind]), **effect}, of=samples))
+            code = "frozen:all" if kind == "frozen" and counts[kind] == samples else _KINDS[kind][1]
+            found.append(noted(code, {"samples": float(counts[kind]), **effect}, of=samples))
     return found
 
 

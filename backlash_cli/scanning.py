@@ -18,13 +18,15 @@ from .estimator.settings_check import check_settings, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
-from .record import Frozen, LoopSettings, Note, Record
+from .record import Frozen, LoopSettings, Note, Record, SampleState
 from .results import Confirmation, LoopReport, Verdict
-from .words import noted
+from .words import WORDS, noted
 
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 FEWEST = 10  # usable samples of which anything can be said
+UNUSABLE = {code.partition(":")[0] for _, code in WORDS["samples"].values()} | {
+    "op_outside", "outside_range", "not_numbers", "bad_quality"}  # notes that may say why no sample can be used
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -117,9 +119,9 @@ class LoopScanner:
         on_settings: tuple[Note, ...] = ()
         if self.options.confirm and self._given and used and not follows(record, settings):
             # a contradiction limits the verdict
-            on_settings = tuple(replace(note,
-                values={**note.values, "effect": "limits" if note.values.get("severity") == "contradict" else "info"})
-                for note in check_settings(settings, identify(record)) if note.code != "settings_unchecked")
+            on_settings = tuple(replace(note, values={**note.values, "effect": effect})
+                for note in check_settings(settings, identify(record)) if (effect := "limits" if note.values.get(
+                    "severity") == "contradict" else "info") == "limits" or note.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None
         if self.options.confirm and used >= 2:
@@ -131,7 +133,11 @@ class LoopScanner:
         if self.options.confirm and (tests := manual_stretches(record)):
             from .model.manual_test import manual_test  # few records hold a test
 
-            manual = manual_test(tests, self.interval, settings.K, settings.Ti)
+            by_hand = np.where(record.state == SampleState.MANUAL, SampleState.GOOD, SampleState.MISSING)
+            if follows(replace(record, state=by_hand.astype(np.uint8)), settings):
+                self._note(noted("manual_follows"))
+            else:
+                manual = manual_test(tests, self.interval, settings.K, settings.Ti)
         tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
         warnings = [note if not tells or note.code != "manual" else
                     replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
@@ -166,7 +172,9 @@ class LoopScanner:
                                    confirmation, on_quality, rounding, said, manual))
         reasons, compensator = decision.reasons, None
         if decision.verdict is Verdict.CANNOT_TELL:
-            reasons = (*contradictions, *(reason for reason in reasons if reason not in contradictions))
+            others = tuple(reason for reason in reasons if reason not in contradictions)
+            blocked = bool(others) and others[0].values.get("effect") == "blocks"
+            reasons = (*others, *contradictions) if blocked else (*contradictions, *others)
         elif decision.verdict is Verdict.BACKLASH:
             swings = oscillation[0] > OSCILLATING and not report.detections
             compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
@@ -185,7 +193,9 @@ class LoopScanner:
         if self.interval > COARSEST * Ti:
             return noted("sampling_too_coarse:scan", interval=self.interval, Ti=Ti, most=COARSEST * Ti)
         if used < FEWEST:
-            return noted("insufficient_data", used=used)
+            causes = [note.message for note in self.notes.values() if note.code in UNUSABLE]
+            return noted("insufficient_data", used=used, of=self._survey.samples,
+                         why="; ".join(causes) or "export a longer time")
         if not self._survey.with_setpoint:
             return noted("no_setpoint")
         return None

@@ -14,6 +14,8 @@ from backlash_cli.estimator.identify import identify, with_constant_setpoint
 from backlash_cli.record import LoopSettings, Note, SampleState, record_from_arrays
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import LoopScanner, ScanOptions, scan
+from backlash_cli.simulator import simulate
+from backlash_cli.simulator.scenario_file import load_scenarios
 from tests.benchmarks.random_loops import draw
 from tests.estimator.closed_loop import slow_loop
 
@@ -97,7 +99,7 @@ def test_a_record_that_is_too_short_is_insufficient(samples: int, known: bool):
     report = scan(part if known else replace(part, settings=LoopSettings()))
     assert report.verdict is Verdict.INSUFFICIENT_DATA
     assert report.reasons[0].code in ("insufficient_data", "short_record", "missing_settings")
-    assert any(words in report.reasons[0].message for words in ("usable samples", "needed", "has 60 that can be used"))
+    assert any(words in report.reasons[0].message for words in ("can be used", "usable samples", "needed"))
 
 
 def test_an_empty_record_is_insufficient():
@@ -146,6 +148,34 @@ def test_a_record_of_few_samples_per_integral_time_clears_no_valve():
                                   settings=record.settings)
         found = scan(thin)
         assert found.verdict is Verdict.CANNOT_TELL and found.reasons[0].code == "sampling_too_coarse"
+
+
+def test_what_leaves_no_sample_is_the_reason(tmp_path):
+    rows = [f"{k},50,{50 + 5 * np.sin(k / 9):.2f},{40 + 5 * np.cos(k / 9):.2f}" for k in range(3000)]
+    (tmp_path / "p.csv").write_text("\n".join(["time,F1.SP,F1.PV,F1.OP", *rows]))
+    (tmp_path / "loops.toml").write_text("[loops.F1]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\nop_range = [0, 1]\n")
+    report = scan(read(tmp_path / "p.csv")["F1"])
+    assert report.verdict is Verdict.INSUFFICIENT_DATA
+    assert "0 of 3000 samples can be used: all of OP lies outside op_range" in report.reasons[0].message
+
+
+def test_output_of_another_controller_is_at_most_suspected():
+    """OP that goes back and forth through the gap of its valve, but not as this controller would move it."""
+    plain = simulate(load_scenarios("sample-plant")[0])
+    assert scan(plain).verdict is Verdict.BACKLASH
+    other = simulate(load_scenarios("sample-plant")[2]).output
+    mixed = replace(plain, output=other[: len(plain)])
+    report = scan(mixed)
+    assert report.verdict in (Verdict.SUSPECTED, Verdict.CANNOT_TELL)
+    assert any("of the output's motion" in note.message for note in (*report.reasons, *report.warnings))
+
+
+def test_manual_that_is_none_makes_no_test_of_the_valve():
+    """The mode says manual throughout, and OP is moved by the controller all the same."""
+    plain = simulate(load_scenarios("sample-plant")[0])
+    report = scan(replace(plain, state=np.full(len(plain), SampleState.MANUAL, np.uint8)))
+    assert report.verdict is Verdict.INSUFFICIENT_DATA
+    assert "manual_follows" in [note.code for note in report.warnings]
 
 
 def test_signals_that_are_not_of_one_loop_get_no_verdict(tmp_path):

@@ -21,7 +21,7 @@ WELL_KNOWN = 0.08  # half width of the interval of K/Ti above which only gross d
 CONTRADICTS = log(1.5)
 EXPLAINED = log(1.3)  # how well a mix-up has to explain the factor
 CLOSE = log(1.1)  # a difference that is that of the spans is believed where K/Ti is known less well
-COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen
+COARSE = 1.5  # Ti in samples below which only a plain mix-up of units can be seen, if the data show none well above
 LARGE = log(3.0)  # a smaller factor that comes out of the values by accident is not a mix-up
 GAIN_APART = log(1.6)  # K alone is known less well than K/Ti
 # The limits of the quick look lie well inside those of the full comparison, to which everything in doubt is left.
@@ -46,8 +46,9 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
              for name in ("K", "Ti"))
     if K is None and Ti is None:
         return ()
-    if isinstance(found, Note):
-        return (noted("settings_unchecked", {"why": found.code}, message=found.message),)
+    if isinstance(found, Note):  # whose controller it is not, that moves no valve of this loop
+        severity = {"severity": "contradict"} if found.code == "not_this_controller" else {}
+        return (noted("settings_unchecked", {"why": found.code, **severity}, message=found.message),)
     notes = []
     if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):
         action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
@@ -113,7 +114,8 @@ def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: 
     offset, sure = _distance(K / Ti, ratio)
     apart, sure_apart = _distance(K, gain)
     width = (ratio.ci95[1] - ratio.ci95[0]) / (2.0 * ratio.value)
-    coarse, factor = Ti < COARSE * found.interval, K / Ti / ratio.value
+    coarse = Ti < COARSE * found.interval and reset.ci95[0] < LEAST_PER_TI * found.interval
+    factor = K / Ti / ratio.value
     shown = f"K {gain.value:.3g}, Ti {reset.value:.3g} s"
     mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None
     of_spans = mix_up is not None and mix_up.known and abs(offset - log(mix_up.gain / mix_up.reset)) < CLOSE

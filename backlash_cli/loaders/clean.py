@@ -85,14 +85,15 @@ class Recipe(Frozen):
 @dataclass
 class _Making:
     """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
-    known, until: stamps of the last chunk with their grid numbers, and the number of its last sample. carried: setpoint
-    and mode that still hold. times, order, bridge: of PV in this chunk, and the longest hole that is filled."""
+    recorded: setpoint and output, where it holds some. known, until: stamps of the last chunk with their grid numbers,
+    and the number of its last sample. carried: setpoint and mode that still hold. times, order, bridge: of PV in this
+    chunk, and the longest hole that is filled."""
 
     recipe: Recipe
     joiner: Joiner
     grid: Grid | None = None
     spans: tuple[LoopSettings, list[Note]] | None = None
-    has_output: bool = False
+    recorded: set[str] = field(default_factory=set)
     known: tuple[IntArray, IntArray] = (np.zeros(1, np.int64), np.zeros(1, np.int64))
     until: int = -1
     counts: Counter[str] = field(default_factory=Counter)
@@ -140,10 +141,6 @@ class _Making:
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)
-        if output is not None and not (np.isfinite(output).any() if first_chunk else self.has_output):
-            self.notes.append(noted("no_output"))
-            output = None
-        self.has_output = output is not None
         current = any(item.tag.rstrip(")] ").endswith("mA") for item in loop.roles.get("op", ()))
         self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
                                             [] if output is None else [output], current)
@@ -191,7 +188,13 @@ class _Making:
             outside = float(np.mean((own < stamps[0]) | (own > stamps[-1]))) if len(own) else 0.0
             if outside > 0.02 and self.joiner.only is None:
                 self.notes.append(noted("outside_pv", percent=100 * outside, role=role.upper()))
-        return self._carried_on(signal, role, grid)
+        values = self._carried_on(signal, role, grid)
+        if self.spans is None and np.isfinite(values).any():
+            self.recorded.add(role)
+        if role in self.recorded:
+            return values
+        self.notes.append(noted("no_setpoint:blank" if role == "sp" else "no_output"))
+        return None
 
     def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""

@@ -44,6 +44,7 @@ CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250",
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _NUMBER = re.compile(WORDS["lines"]["number"], re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
+COUNT = re.compile(r"\W*\d{5}")  # of seconds since 1970, or of days
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 WORKBOOKS = (".xlsx", ".xlsm")
 # tests of a line, each with what is put in the place of what where most lines pass it
@@ -229,7 +230,7 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
         problem = str(error).strip() or type(error).__name__
         raise InputError(**explained("damaged_workbook", problem=problem), where=where) from None
     found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, text.encode("utf-8-sig"))) for sheet, rows in book.items()
-             if len(rows) > 1 and (text := rows.to_csv(header=False, index=False))]
+             if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
         raise InputError(**explained("empty_workbook"), where=where)
     return found if len(found) > 1 else [(stem_of(name), found[0][1])]
@@ -388,7 +389,8 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
     def is_data(row: int) -> bool:
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
-        hits = [f == kinds[i] for f, i in zip(found, wanted, strict=True)]
+        hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(COUNT.match(own[i])))
+                for f, i in zip(found, wanted, strict=True)]
         # a period above the header has no values, one moment there is all but alone in its row
         full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)
         filled = not times or any(kind(cell) == "number" or (full and cell.strip()) for cell, k in zip(own, kinds)  # noqa: B905

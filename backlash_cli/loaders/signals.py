@@ -166,7 +166,8 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
             own(loop).roles.setdefault(role, []).append(item)
         name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
         # unless the metadata name another tag for this signal; the OP of one loop may be the SP of another as well
-        if item.loop and name not in dict(owners) and not (item.role in asked.get(name, {}) if item.role else owners):
+        recast = name in dict(owners) and plain(item.signal) != item.role  # MV may well be PV; PV as OP is a mistake
+        if item.loop and not recast and not (item.role in asked.get(name, {}) if item.role else owners):
             (own(name).roles if item.role else own(name).extra).setdefault(item.role or item.signal, []).append(item)
             shared[name] |= {item.role} if owners else set()
     bare = defaultdict[str, list[Series]](list)
@@ -225,6 +226,9 @@ class Joiner:
         said = {(note.code, note.message): note for part in parts for note in part.notes}
         one = parts[0] if len(parts) == 1 else Signal(self.times(*(item.axis for item in chosen)),
             np.concatenate([part.values for part in parts]), np.concatenate([part.bad for part in parts]))
+        units, points = changed_size(one.values) if role in ("pv", "op") else (0, 0)
+        faults |= {(code, chosen[0].tag): Counter({"": count})
+                   for code, count in (("unit_change", units), ("points_lost", points))}
         return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:
@@ -243,8 +247,6 @@ class Joiner:
             faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
             if wrong is not None and wrong.any():
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)
-        units, points = changed_size(values) if item.role in ("pv", "op") else (0, 0)
-        faults |= {("unit_change", item.tag): Counter({"": units}), ("points_lost", item.tag): Counter({"": points})}
         return Signal(times, values, bad, tuple(notes), faults)
 
 

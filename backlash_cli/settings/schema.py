@@ -104,7 +104,8 @@ def parse_table(text: str, where: str) -> Metadata:
     header = [cell.strip() for cell in rows[0][1]]
     names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]
     if not names:
-        raise MetadataError("table has no column 'loop'", where=where, remedy="name the loops in a column called loop")
+        raise MetadataError("table has no column 'loop'", where=where,
+                            remedy="name the loops in a column called loop; or is this the export itself?")
     check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
                lambda key: f"{where}, line {rows[0][0]}")
     defaults: dict[str, Any] = {}

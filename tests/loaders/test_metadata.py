@@ -52,6 +52,7 @@ def test_names_match_without_case():
     [("[loops.A]\nK = 1\nTii = 3\n", "f.toml, line 3", "did you mean.*Ti"),
      ("[loop.A]\nK = 1\n", "f.toml, line 1", "did you mean loops"),
      ("[loops.A\nK = 1\n", "f.toml, line 1", "TOML"),
+     ("[loops.A]\nK = 0,95\n", "f.toml, line 2", "decimal point"),
      ("[loops.A]\nK = 1\n[loops.A]\nK = 2\n", "f.toml, line 3", "TOML"),
      ("[defaults]\nkp = 1\n", "f.toml, line 2", "Kp"),
      ("loops = 3\n", "f.toml", "table"),

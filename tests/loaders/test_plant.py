@@ -206,6 +206,39 @@ def test_a_tag_that_the_metadata_give_to_another_loop_stays_in_its_own(tmp_path)
     assert "PIC303.PV is the PV of FIC101, PIC303" in said
 
 
+def test_a_signal_named_for_another_role_of_its_own_loop_is_one_tag_for_two(tmp_path):
+    wrong = SETTINGS.replace("[loops.FIC101]", '[loops.FIC101]\nop = "FIC101.PV"')
+    plant = read(save(tmp_path, wide(), settings=wrong))
+    assert [note.code for note in plant.failures] == ["same_tag"] and "FIC101.PV" in plant.failures[0].message
+
+
+def test_stamps_that_change_from_counts_to_dates_are_told(tmp_path):
+    lines = wide().splitlines()
+    for k in range(1, 301):
+        rest = lines[k].partition(",")[2]
+        lines[k] = f"{STAMPS[k - 1].timestamp():.0f},{rest}"
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert "300 rows without a readable time stamp were dropped, the first in line 2" in " ".join(
+        note.message for note in record.notes)
+    assert len(record) == 300
+
+
+def test_a_setpoint_column_without_numbers_is_none(tmp_path):
+    record = read(save(tmp_path, edited(range(600), 1, [""] * 600)))["FIC101"]
+    assert record.usable.all() and "no_setpoint" in codes(record.notes)
+
+
+def test_files_in_different_units_are_told(tmp_path):
+    half = [*range(300)], [*range(300, 600)]
+    lines = wide().splitlines()
+    save(tmp_path, "\n".join([lines[0], *(lines[k + 1] for k in half[0])]) + "\n", "a.csv")
+    other = wide(value=lambda tag, value: cell(tag, value / (9.0 if tag.startswith("FIC101") else 1.0))).splitlines()
+    save(tmp_path, "\n".join([other[0], *(other[k + 1] for k in half[1])]) + "\n", "b.csv")
+    plant = read([tmp_path / "a.csv", tmp_path / "b.csv"])
+    said = next(note for note in plant["FIC101"].notes if note.code == "unit_change")
+    assert said.values["samples"] == 300 and "unit_change" not in codes(plant["PIC303"].notes)
+
+
 def test_extra_columns_are_disturbances(tmp_path):
     lines = wide().splitlines()
     lines = [f"{line},{'FIC101.DV1' if i == 0 else i}" for i, line in enumerate(lines)]
