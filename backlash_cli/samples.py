@@ -81,12 +81,12 @@ def saturated(output: FloatArray, off: FloatArray | None = None) -> NDArray[np.b
     """(samples,) True where a normalised output stays for several samples at 0 or 1, or at the end of its own range: at
     RESTS of its samples, though PV is as far `off` SP as elsewhere, which moves any output with integral action."""
     at = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
-    far = np.nan_to_num(np.minimum(0.0 if off is None else off, 1.0))
     for end in () if off is None else (np.fmin.reduce(output, initial=np.inf), np.fmax.reduce(output, initial=-np.inf)):
         rests = output == end
-        if np.count_nonzero(rests) > RESTS * len(output) and len(np.unique(output)) >= LEAST_LEVELS and (
-                np.mean(far[rests]) > HALF_AS_FAR * np.mean(far[~rests])):
-            at |= rests
+        if np.count_nonzero(rests) > RESTS * len(output) and len(np.unique(output)) >= LEAST_LEVELS:
+            far = np.nan_to_num(np.minimum(off, 1.0))  # type: ignore[arg-type]
+            if np.mean(far[rests]) > HALF_AS_FAR * np.mean(far[~rests]):
+                at |= rests
     starts, ends = runs(at)
     long = ends - starts >= LIMIT_RUN
     return inside(starts[long], ends[long], len(output))
@@ -155,7 +155,8 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
     positive, least = values > 0.0, np.log(CONVERTED)
     sizes = values if positive.all() else values[positive]
-    if len(sizes) < 100 or np.all(np.maximum(sizes[1:], sizes[:-1]) < CONVERTED * np.minimum(sizes[1:], sizes[:-1])):
+    if len(sizes) < 100 or np.ptp(steps := np.diff(sizes)) < (CONVERTED - 1.0) * sizes.min() or np.all(
+            np.maximum(sizes[1:], sizes[:-1]) < CONVERTED * np.minimum(sizes[1:], sizes[:-1])):
         return 0, 0
     sizes = np.log(sizes)
     steps = np.abs(np.diff(sizes))
