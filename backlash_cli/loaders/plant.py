@@ -191,7 +191,7 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
     owners = defaultdict[tuple[str, Series], list[str]](list)  # not of SP: it may be one of several loops
     for loop, own in series.items():
-        for role in ("pv", "op"):
+        for role in ("pv", "op") if len(own.roles) > 1 else ():
             for one in own.roles.get(role, ()):
                 owners[role, one].append(loop)
     shared = {(one.tag, role, some(sorted(loops), FEW)) for (role, one), loops in owners.items() if len(loops) > 1}

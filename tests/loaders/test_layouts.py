@@ -80,6 +80,7 @@ TIMES = {
     "epoch_s": lambda t: f"{seconds(t):.0f}",
     "epoch_s_fraction": lambda t: f"{seconds(t):.3f}",
     "epoch_ms": lambda t: f"{seconds(t) * 1e3:.0f}",
+    "json_of_net": lambda t: f"/Date({seconds(t) * 1e3:.0f}+0000)/",
     "epoch_us": lambda t: f"{seconds(t) * 1e6:.0f}",
     "epoch_ns": lambda t: f"{int(seconds(t)) * 10**9}",
     "epoch_exponent": lambda t: f"{seconds(t):.9e}",
