@@ -15,6 +15,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from backlash_cli.loaders.clean import CHUNK
 from backlash_cli.scratch import IN_MEMORY
 from tests.benchmarks.made_kinds import KINDS, write_kind
 from tests.benchmarks.made_plant import write, write_long
@@ -22,10 +23,11 @@ from tests.benchmarks.made_plant import write, write_long
 _SCAN = """
 import sys, time
 from backlash_cli import ScanOptions, scan
+from backlash_cli.loaders import clean
 from backlash_cli.loaders.options import ReadOptions
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.scratch import Room
-options = ReadOptions(timezone=sys.argv[4] or None)
+options, clean.CHUNK = ReadOptions(timezone=sys.argv[4] or None), int(sys.argv[5])
 opened = open_plant(sys.argv[1], options=options, room=Room(int(sys.argv[3])))
 result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)
 # what getrusage says begins with the memory of the process that started this one
@@ -34,12 +36,13 @@ print(len(result.loops), peak, time.process_time())
 """
 
 
-def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "") -> tuple[int, float, float]:
+def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "", chunk: int = CHUNK
+            ) -> tuple[int, float, float]:
     """Return (loops, peak resident memory [MB], CPU time [s]) of a process that scans a file.
 
-    room: bytes of samples that are kept in memory. zone: of the stamps.
+    room: bytes of samples that are kept in memory. zone: of the stamps. chunk: rows of a long loop in memory at once.
     """
-    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room), zone]
+    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room), zone, str(chunk)]
     loops, peak, seconds = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
     return int(loops), float(peak), float(seconds)
 
