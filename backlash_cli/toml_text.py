@@ -39,11 +39,12 @@ def parsed(text: str, where: str) -> dict[str, Any]:
         return tomllib.loads(text.removeprefix("\ufeff"))
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"\(at line (\d+)", str(error))
-        at = text.splitlines()[int(line[1]) - 1 :][:1] if line else []
-        comma = re.search(r"=\s*[-+]?\d+,\d", "".join(at))
+        at = "".join(text.splitlines()[int(line[1]) - 1 :][:1]) if line else ""
+        remedy = ("write a decimal point, as in 0.95" if re.search(r"=\s*[-+]?\d+,\d", at) else
+                  "this looks like JSON: write it as TOML" if text.lstrip().startswith("{") else
+                  "mend it or the line above (quotes and brackets closed, keys once)")
         raise MetadataError(f"not valid TOML: {error}", where=f"{where}, line {line[1]}" if line else where,
-                            remedy="write a decimal point, as in 0.95" if comma else
-                            "mend it or the line above (quotes and brackets closed, keys once)") from None
+                            remedy=remedy) from None
     except (RecursionError, ValueError, OverflowError):
         raise MetadataError("not valid TOML: nested too deeply or a number too long", where=where) from None
 
