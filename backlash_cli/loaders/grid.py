@@ -22,6 +22,7 @@ SECOND, HOUR, DAY = 1_000_000, 3_600_000_000, 86_400_000_000  # microseconds
 LIKELY = range(600_000_000 * SECOND, 2_020_000_000 * SECOND)  # 1989 to 2034: dates of plant data, numbers since 1970
 OUTLIER_SHARE, FAR = 0.01, 10.0  # of the stamps may lie far from others: that times what 90 % span, and two days
 CLOCK_CODES = ("dst_repeated_hour", "clock_set_back")
+EVEN = 20  # stamps at both ends that tell whether the interval changes
 FINEST = 1000  # microseconds: no controller is that fast
 ABSENT_ROWS = 60  # absent samples that get rows of their own; more is a gap
 SPARSE_SHARE = 0.15  # share of spacings longer than one interval that means compression, not loss
@@ -267,7 +268,10 @@ def make_grid(order: Ordered) -> Grid:
     if (apart := (order.stamps[-1] - order.stamps[0]) / (len(order.stamps) - 1)) < FINEST:
         raise LoopError(**explained("too_fine", seconds=apart / SECOND))
     grid = _plan(order.stamps).laid(order)
-    return replace(grid, notes=(*order.notes, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
+    first, last = (np.diff(part) / SECOND for part in (order.stamps[:EVEN], order.stamps[-EVEN:]))
+    changes = len(order.stamps) > 2 * EVEN and np.ptp(first) == np.ptp(last) == 0.0 and first[0] != last[0]
+    more = [noted("interval_changes", first=first[0], last=last[0])] if changes else []
+    return replace(grid, notes=(*order.notes, *more, *grid.said(order.stamps, grid.recorded, defaultdict(float))))
 
 
 def _plan(stamps: IntArray) -> Grid:

@@ -179,3 +179,9 @@ def test_dates_that_no_recorder_has_are_told():
         micros = np.datetime64(begin, "us").astype(np.int64) + np.arange(50) * SECOND
         assert ("unlikely_dates" in codes(make_grid(ordered(micros, np.arange(50.0))))) is told
     assert make_grid(ordered(np.arange(-50, 0) * 10**16, np.arange(50.0))).notes
+
+
+def test_an_interval_that_changes_is_told():
+    grid = make_grid(ordered(stamps([*range(300), *range(300, 9300, 30)])))
+    assert "every 1 s at first and every 30 s at the end" in " ".join(note.message for note in grid.notes)
+    assert "interval_changes" not in codes(make_grid(ordered(stamps([*range(300), *range(400, 700)]))))
