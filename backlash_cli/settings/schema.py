@@ -19,6 +19,7 @@ LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE
              "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+_CONSTANT = re.compile(_NUMBER.replace(r"\.", "[.,]"))
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
 
 
@@ -114,6 +115,8 @@ def parse_table(text: str, where: str) -> Metadata:
         cells = dict(zip(header, row, strict=False))
         name = cells.pop(header[names[0]], "").strip()
         values = {k: _value(k, v, delimiter, f"{where}, line {line}") for k, v in cells.items() if k and v.strip()}
+        if {key for key in ("sp", "pv", "op") if _CONSTANT.fullmatch(values.get(key, ""))} == {"sp"}:
+            values["sp"] = number(values["sp"], "sp")  # beside tags that are numbers it is one of them
         if name.lower() in ("defaults", "default"):
             defaults = values
         elif not name or name in loops:

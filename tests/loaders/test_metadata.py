@@ -99,6 +99,12 @@ def test_table_with_the_same_keys(tmp_path):
     assert settings_of(metadata.of("LIC1")).loop.Kp == 2.0
 
 
+def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
+    table = parse_table("loop;sp;pv;op\nA;405,5;FT1;FV1\nB;9.6;;\nC;1011;1012;1013\nD;SC1;FT2;FV2\n", "t.csv")
+    assert [settings_of(table.of(name)).constant_setpoint for name in "ABCD"] == [405.5, 9.6, None, None]
+    assert (table.of("C").values["sp"], table.of("D").values["sp"]) == ("1011", "SC1")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [("loop,K,Tii\nA,1,2\n", "unknown key"), ("K,Ti\n1,2\n", "no column 'loop'"),

@@ -50,6 +50,7 @@ def remarked(lines):
 
 EXPORTS = {
     "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
+    "folders_of_one_name_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/trend.csv": single(loop) for loop in RANGES})}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
     "archive_of_days": Export({f"{loop}.zip": packed({f"{day}.csv": single(loop, rows) for day, rows in HALVES.items()}) for loop in RANGES}),
     "values_called_measurements": Export({"plant.csv": long(lambda n, t, v: f"{n};{iso(t)};{v}", "Tag;Time;Measured value")}),
