@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
@@ -27,7 +28,8 @@ def read_page(path: str | PathLike[str], what: str, remedy: str) -> str:
     """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
     try:
         with place(path).open("rb") as file:
-            return file.read().decode("utf-8-sig")
+            text = file.read()  # Excel saves "Unicode text" in UTF-16
+            return text.decode("utf-16" if text.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         problem = getattr(error, "strerror", None) or "not UTF-8 text: save it as UTF-8"
         raise MetadataError(f"{what} cannot be read: {problem}", where=str(path), remedy=remedy) from None

@@ -170,7 +170,8 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         wanted, notes, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
     warnings += _unmatched(all_loops, metadata, complete=not problems)
-    recipes = (_recipe(name, wanted[name], metadata, options) for name in sorted(wanted))
+    slaves = {(one.axis.where, one.tag): loop for loop, own in all_loops.items() for one in own.roles.get("sp", ())}
+    recipes = (_recipe(name, wanted[name], metadata, options, slaves) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
                      tuple(failure(error, file=path) for path, error in problems.items()),
                      tuple(str(item) for item in given))
@@ -210,7 +211,8 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete
     return notes
 
 
-def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions) -> Recipe:
+def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions,
+            slaves: Mapping[tuple[str, str], str]) -> Recipe:
     values, notes = metadata.of(name), tuple[Note, ...]()
     origin = next(iter(series.roles.values()))[0].loop
     if values is None and metadata.files:
@@ -222,6 +224,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or pv[0].loop.lower() != origin.lower()) and not (
             values and values.values.get("pv")):
         notes += (noted("bare_pv", tag=pv[0].tag[:60], loop=name[:60]),)
+    for slave in {slaves.get((one.axis.where, one.tag), "") for one in series.roles.get("op", ())} - {"", name}:
+        notes += (noted("cascade", {"effect": "limits"}, loop=name[:60], slave=slave[:60]),)
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 

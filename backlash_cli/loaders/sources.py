@@ -133,8 +133,9 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
         folder, beside = source.path.parent, source.beside
-        found.append(first(folder, f"{stem_of(source.path.name)}.loops", f"{source.path.name}.loops", beside=beside)
-                     or first(folder, "loops", beside=beside))
+        name = source.path.name
+        found.append(first(folder, *(f"{one}.loops" for one in (stem_of(name), name, undated(stem_of(name)))),
+                           beside=beside) or first(folder, "loops", beside=beside))
     if not any(found):
         found = [first(path.absolute().parent, "loops") for path in folders]
     return [path for path in dict.fromkeys(found) if path is not None]

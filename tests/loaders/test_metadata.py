@@ -6,7 +6,7 @@ import pytest
 
 from backlash_cli import read
 from backlash_cli.errors import MetadataError
-from backlash_cli.loaders.sources import read_metadata
+from backlash_cli.loaders.sources import Source, find_sidecars, read_metadata
 from backlash_cli.settings.schema import merge, parse_table, parse_toml, settings_of
 
 GOOD = """
@@ -99,6 +99,17 @@ def test_table_with_the_same_keys(tmp_path):
     assert settings_of(metadata.of("LIC1")).loop.Kp == 2.0
 
 
+def test_a_table_in_utf_16_as_spreadsheets_save_it(tmp_path):
+    (tmp_path / "loops.csv").write_bytes("loop\tK\tTi\nÖl 1\t0,6\t20\n".encode("utf-16"))
+    assert settings_of(read_metadata(tmp_path / "loops.csv").of("Öl 1")).loop.K == 0.6
+
+
+def test_settings_called_as_the_exports_without_their_day(tmp_path):
+    sources = [Source(tmp_path / f"plant_202603{day}.csv") for day in (17, 18)]
+    (tmp_path / "plant.loops.toml").write_text("[defaults]\nK = 1.0\n")
+    assert find_sidecars([source.path for source in sources], sources) == [tmp_path / "plant.loops.toml"]
+
+
 def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
     table = parse_table("loop;sp;pv;op\nA;405,5;FT1;FV1\nB;9.6;;\nC;1011;1012;1013\nD;SC1;FT2;FV2\n", "t.csv")
     assert [settings_of(table.of(name)).constant_setpoint for name in "ABCD"] == [405.5, 9.6, None, None]
@@ -120,7 +131,7 @@ def test_table_mistakes(text, words):
 def test_files_that_are_no_metadata(tmp_path):
     with pytest.raises(MetadataError, match="No such file"):
         read_metadata(tmp_path / "nothing.toml")
-    (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00K")
+    (tmp_path / "b.toml").write_bytes(b"\xff\x00K")
     with pytest.raises(MetadataError, match="UTF-8"):
         read_metadata(tmp_path / "b.toml")
     with pytest.raises(MetadataError):
