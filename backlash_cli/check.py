@@ -47,7 +47,8 @@ class LoopCheck(Frozen):
             return Note("blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}")
         for note in self.settings_notes:
             if note.values.get("severity") == "contradict":
-                return Note("limits", f"the size of a dead band would be wrong: {note.message}")
+                means = "can be suspected at most" if note.code == "settings_unchecked" else "would have a wrong size"
+                return Note("limits", f"a dead band {means}: {note.message}")
         if heaviest == "limits":
             return Note("limits", f"a dead band can be suspected at most: {quality[0].message}")
         for note in self.settings_notes:

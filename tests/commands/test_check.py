@@ -49,7 +49,7 @@ def test_wrong_settings_are_flagged(
     loop = checked(capfd, PLANT, "--loops", loops_file, "--loop", "FIC101")["FIC101"]
     assert code in [finding["code"] for finding in loop["findings"]]
     if code != "settings_action_sign":
-        assert loop["effect"] == "limits" and "size of a dead band would be wrong" in loop["meaning"]
+        assert loop["effect"] == "limits" and "dead band would have a wrong size" in loop["meaning"]
 
 
 def test_the_table_says_what_it_means(capfd: pytest.CaptureFixture[str]) -> None:
