@@ -51,7 +51,7 @@ def bare_tag(text: str) -> str:
 
 
 def undated(stem: str) -> str:
-    """Return the name of a file without the dates, perhaps with times, at its end: FIC101.PV_20260302_2155."""
+    """Return the name of a file without the dates, perhaps with times, around it: FIC101.PV_20260302_2155."""
     return _DATED.sub("", stem) or stem
 
 

@@ -25,6 +25,7 @@ from .times import stamp_kind
 
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
+_DAY = re.compile(r"[\d._-]+")
 _PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECASE)  # of a dataset
 
 
@@ -92,11 +93,13 @@ def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     after something where the file is called after its signal, its day or its number alone, or `alike` in others."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
-    stem, folder = stem_of(name), folders[-1] if folders else ""
-    if len(folder) == 2 and signal_role(folder) and not signal_role(stem):  # PV/FIC101.csv
-        tags = [f"{stem}.{folder}"]
-    if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or stamp_kind(stem) == "time"):
-        loops = [undated(part) for part in reversed(folders) if "=" not in part and not re.fullmatch(r"[\d._-]+", part)]
+    ways, stem = [undated(part) for part in folders if "=" not in part and not _DAY.fullmatch(part)], stem_of(name)
+    of_day = stamp_kind(stem) == "time" or (len(stem) < 3 and bool(_DAY.fullmatch("".join((*folders[-1:], stem)))))
+    stem = ways.pop() if of_day and ways else undated(stem)  # FIC101/2026/03/17.csv
+    if ways and len(ways[-1]) == 2 and signal_role(ways[-1]) and not signal_role(stem):  # PV/FIC101.csv
+        tags = [f"{stem}.{ways[-1]}"]
+    if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or of_day):
+        loops = [*[stem] * (of_day and not signal_role(stem)), *reversed(ways)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
     return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
 
@@ -114,8 +117,9 @@ def stem_of(name: str) -> str:
 
 
 def day_of(name: str) -> str:
-    """Return the day at the end of a file's name, "" where there is none: FIC101_20260302_2155.csv -> 20260302."""
-    day = stem_of(name)[len(undated(stem_of(name))) :].strip(" _.-").replace("_", "-") or stem_of(name)
+    """Return the day in a file's name, "" where there is none: FIC101_20260302_2155.csv -> 20260302."""
+    stem = stem_of(name)
+    day = stem.replace(undated(stem), "").strip(" _.-").replace("_", "-") or stem
     return day[: 8 if day[:8].isdigit() else 10] * (stamp_kind(day) == "time")
 
 
