@@ -428,7 +428,8 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
             [*row[:unnamed], "", *row[unnamed:]] for row in rows[-8:]]
-    best = max(range(len(rows)), key=lambda i: (score_names(rows[i]), len(list(filter(None, rows[i]))), i))
+    best = max(range(len(rows)), key=lambda i: (sum(cell.strip().lower() in options.tags for cell in rows[i]) > 1,
+                                                score_names(rows[i]), len(list(filter(None, rows[i]))), i))
     if "number" in kinds[len(rows[best]) :] and any(rows[best][1::2]):  # a tag above each time has nothing beside it
         raise InputError(**explained("short_header", names=len(rows[best]), cells=width), where=where)
     rows = [_fit(row, width) for row in rows]

@@ -20,7 +20,8 @@ class ReadOptions(Frozen):
     columns: names of the columns of a file without a header line. header_row: number (from 1) of the line that names
     them. only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which
     one must fit. sample: "20" or "5%" of those left, drawn by sample_seed. since: a moment or an age (`parse_since`).
-    good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: of a file in memory."""
+    good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: of a file in memory.
+    tags: in lower case, those that the settings name, which a header holds."""
 
     time_format: str | None = None
     timezone: str | None = None
@@ -39,6 +40,7 @@ class ReadOptions(Frozen):
     good_quality: tuple[str, ...] = ()
     auto_modes: tuple[str, ...] = ()
     max_bytes: int = 2 << 30
+    tags: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         for name, allowed in {"decimal": (".", ","), "time-format": TIME_WORDS, "interpolation": ("hold", "linear"),

@@ -138,9 +138,10 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     metadata, warnings = _metadata(given, sources, loops)
     series, problems = list[Series](), dict[str, BacklashError]()
     needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
+    with_tags = replace(options, tags=frozenset(explicit_tags(metadata)[0]))
     for source in sources:
         try:
-            found, notes, lost = signals_of_file(source, options, needed, room, taken)
+            found, notes, lost = signals_of_file(source, with_tags, needed, room, taken)
             series += found
             warnings += notes
             problems |= lost

@@ -161,10 +161,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     spelt: dict[str, str] = {}
     shared = defaultdict[str, set[str]](set)  # signals of a loop that the metadata give to another
     for item in series:
+        name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
         owners = owners_of(item.tag, explicit)
+        if item.loop and item.loop.lower() not in item.tag.lower():  # "w" of the file FIC101.csv, or of its own loop
+            owners = [one for one in owners or owners_of(f"{name}.{item.tag}", explicit) if one[0] == name] or owners
         for loop, role in owners:
             own(loop).roles.setdefault(role, []).append(item)
-        name = spelt.setdefault((found_name := renamed.get(item.loop, item.loop)).lower(), found_name)
         # unless the metadata name another tag for this signal; the OP of one loop may be the SP of another as well
         recast = name in dict(owners) and plain(item.signal) != item.role  # MV may well be PV; PV as OP is a mistake
         if item.loop and not recast and not (item.role in asked.get(name, {}) if item.role else owners):

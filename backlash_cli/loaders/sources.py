@@ -11,7 +11,7 @@ from dataclasses import field
 from functools import cache, reduce
 from operator import truediv
 from os import PathLike
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import unquote
 
@@ -124,7 +124,7 @@ def day_of(name: str) -> str:
 
 
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
-    """Return the metadata files of the inputs: NAME.loops.toml beside them, else loops.toml, else the same in CSV."""
+    """Return the metadata files of the inputs, the deepest first: NAME.loops.toml, else loops.toml, or in CSV."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
@@ -142,7 +142,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
                            beside=beside) or first(folder, "loops", beside=beside))
     if not any(found):
         found = [first(path.absolute().parent, "loops") for path in folders]
-    return [path for path in dict.fromkeys(found) if path is not None]
+    return sorted((path for path in dict.fromkeys(found) if path), key=lambda path: -len(PurePath(path).parts))
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:

@@ -110,6 +110,14 @@ def test_settings_called_as_the_exports_without_their_day(tmp_path):
     assert find_sidecars([source.path for source in sources], sources) == [tmp_path / "plant.loops.toml"]
 
 
+def test_the_settings_nearest_to_the_data_count_first(tmp_path):
+    (tmp_path / "b").mkdir()
+    for path in (tmp_path / "loops.toml", tmp_path / "b" / "two.loops.toml"):
+        path.write_text("[loops.A]\nK = 1.0\n")
+    found = find_sidecars([tmp_path], [Source(tmp_path / "one.csv"), Source(tmp_path / "b" / "two.csv")])
+    assert found == [tmp_path / "b" / "two.loops.toml", tmp_path / "loops.toml"]
+
+
 def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
     table = parse_table("loop;sp;pv;op\nA;405,5;FT1;FV1\nB;9.6;;\nC;1011;1012;1013\nD;SC1;FT2;FV2\n", "t.csv")
     assert [settings_of(table.of(name)).constant_setpoint for name in "ABCD"] == [405.5, 9.6, None, None]

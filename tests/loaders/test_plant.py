@@ -242,6 +242,39 @@ def test_files_in_different_units_are_told(tmp_path):
     assert said.values["samples"] == 300 and "unit_change" not in codes(plant["PIC303"].notes)
 
 
+def test_the_line_of_tags_that_the_settings_name_is_the_header(tmp_path):
+    names = dict(zip(SIGNALS, ("SC211.X", "FT211", "FV211.CMD", "PC7", "PT7", "PV7"), strict=True))
+    settings = SETTINGS
+    for loop, tags in (("FIC101", ("SC211.X", "FT211", "FV211.CMD")), ("PIC303", ("PC7", "PT7", "PV7"))):
+        given = "".join(f'{role} = "{tag}"\n' for role, tag in zip(("sp", "pv", "op"), tags, strict=True))
+        settings = settings.replace(f"[loops.{loop}]\n", f"[loops.{loop}]\n{given}")
+    head, *rows = wide(name=names.__getitem__).splitlines()
+    words = ",Setpoint feed,Measured feed,Valve feed,Setpoint header,Measured header,Valve header"
+    for lines in ([head, words, *rows], [words, head, *rows]):
+        plant = read(save(tmp_path, "\n".join(lines) + "\n", settings=settings))
+        assert sorted(r.loop for r in plant) == ["FIC101", "PIC303"]
+        np.testing.assert_allclose(plant["PIC303"].output * 100, SIGNALS["PIC303.OP"], atol=1e-6)
+
+
+@pytest.mark.parametrize("spelt", ["{}", "LOOP.{}"])
+def test_columns_that_are_called_alike_in_the_files_of_several_loops(tmp_path, spelt):
+    settings = SETTINGS
+    for loop in ("FIC101", "PIC303"):
+        tags = "".join(f'{r} = "{spelt.format(c).replace("LOOP", loop)}"\n' for r, c in zip(("sp", "pv", "op"), "wxy",
+                                                                                         strict=True))
+        settings = settings.replace(f"[loops.{loop}]\n", f"[loops.{loop}]\n{tags}")
+        lines = [line.split(",") for line in wide().splitlines()[1:]]
+        place = 1 if loop == "FIC101" else 4
+        rows = [",".join([line[0], *line[place : place + 3]]) for line in lines]
+        save(tmp_path, "\n".join(["Zeit,w,x,y", *rows]) + "\n", f"{loop}.csv", settings)
+    plant = read([tmp_path / "FIC101.csv", tmp_path / "PIC303.csv"])
+    assert not plant.failures
+    for loop, span in (("FIC101", 900.0), ("PIC303", 16.0)):
+        record = plant[loop]
+        low, high = record.settings.pv_range
+        np.testing.assert_allclose(record.measurement * (high - low) + low, SIGNALS[f"{loop}.PV"], atol=1e-6 * span)
+
+
 def test_extra_columns_are_disturbances(tmp_path):
     lines = wide().splitlines()
     lines = [f"{line},{'FIC101.DV1' if i == 0 else i}" for i, line in enumerate(lines)]
