@@ -7,7 +7,7 @@ import numpy as np
 from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality
-from .estimator.settings_check import check_settings
+from .estimator.settings_check import check_settings, contradicts
 from .record import Frozen, LoopSettings, Note, Record
 from .words import said
 
@@ -46,7 +46,7 @@ class LoopCheck(Frozen):
         if self.unidentified is not None and not (self.settings.K and self.settings.Ti):
             return Note("blocks", f"no verdict possible: K and Ti are not given, and {self.unidentified.message}")
         for note in self.settings_notes:
-            if note.values.get("severity") == "contradict":
+            if contradicts(note):
                 means = "can be suspected at most" if note.code == "settings_unchecked" else "would have a wrong size"
                 return Note("limits", f"a dead band {means}: {note.message}")
         if heaviest == "limits":

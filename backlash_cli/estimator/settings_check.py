@@ -62,6 +62,11 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     return tuple(notes)
 
 
+def contradicts(note: Note) -> bool:
+    """Whether the size of a dead band is wrong, or the dead band none, if this is so."""
+    return note.values.get("severity") == "contradict"
+
+
 def follows(record: Record, settings: LoopSettings) -> bool:
     """Whether one fit of the law explains the recorded output and gives the settings back: it takes a twentieth of the
     search of `identify`, and what it accepts `check_settings` would accept."""

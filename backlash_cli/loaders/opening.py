@@ -44,7 +44,7 @@ CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250",
 _TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
 _NUMBER = re.compile(WORDS["lines"]["number"], re.IGNORECASE)
 _WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
-COUNT = re.compile(r"\W*\d{5}")  # of seconds since 1970, or of days
+_COUNT = re.compile(r"\W*\d{5}")  # of seconds since 1970, or of days
 COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 WORKBOOKS = (".xlsx", ".xlsm")
 # tests of a line, each with what is put in the place of what where most lines pass it
@@ -389,7 +389,7 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
     def is_data(row: int) -> bool:
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
-        hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(COUNT.match(own[i])))
+        hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(_COUNT.match(own[i])))
                 for f, i in zip(found, wanted, strict=True)]
         # a period above the header has no values, one moment there is all but alone in its row
         full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)

@@ -23,7 +23,7 @@ from .clean import Recipe
 from .grid import NAT
 from .names import explained, noted
 from .options import ReadOptions
-from .signals import Axis, Joiner, LoopSeries, Series, by_loop, explicit_tags, owners_of
+from .signals import Axis, Joiner, LoopSeries, Owners, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 
@@ -137,8 +137,8 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
     series, problems = list[Series](), dict[str, BacklashError]()
-    needed, room, taken = _needed(metadata, options), room or Room(), taken or (lambda count: None)
-    with_tags = replace(options, tags=frozenset(explicit_tags(metadata)[0]))
+    owners, room, taken = explicit_tags(metadata)[0], room or Room(), taken or (lambda count: None)
+    needed, with_tags = _needed(metadata, owners, options), replace(options, tags=frozenset(owners))
     for source in sources:
         try:
             found, notes, lost = signals_of_file(source, with_tags, needed, room, taken)
@@ -170,7 +170,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     if options.since is not None:
         wanted, notes, moment = since(wanted, series, options.since, options.timezone)
         warnings += notes
-    warnings += _unmatched(all_loops, metadata, complete=not problems)
+    warnings += _shared(all_loops) + _unmatched(all_loops, metadata, complete=not problems)
     slaves = {(one.axis.where, one.tag): loop for loop, own in all_loops.items() for one in own.roles.get("sp", ())}
     recipes = (_recipe(name, wanted[name], metadata, options, slaves) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
@@ -190,19 +190,22 @@ def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
     return metadata, notes
 
 
-def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
+def _shared(series: Mapping[str, LoopSeries]) -> list[Note]:
     owners = defaultdict[tuple[str, Series], list[str]](list)  # not of SP: it may be one of several loops
     for loop, own in series.items():
         for role in ("pv", "op") if len(own.roles) > 1 else ():
             for one in own.roles.get(role, ()):
                 owners[role, one].append(loop)
     shared = {(one.tag, role, some(sorted(loops), FEW)) for (role, one), loops in owners.items() if len(loops) > 1}
-    notes = [noted("shared_tag", tag=tag[:60], role=role.upper(), names=loops) for tag, role, loops in sorted(shared)]
+    return [noted("shared_tag", tag=tag[:60], role=role.upper(), names=loops) for tag, role, loops in sorted(shared)]
+
+
+def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
     there = {metadata.match(name) for name in series}
     names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
-        said = noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))
-        return [*notes, said]
+        return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
+    notes = []
     for name in names:
         values = metadata.loops[name].values
         tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))
@@ -230,10 +233,8 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     return Recipe(name, series, metadata.fallback() if values is None else values, options, notes)
 
 
-def _needed(metadata: Metadata, options: ReadOptions) -> Callable[[Series], bool]:
+def _needed(metadata: Metadata, owners: Owners, options: ReadOptions) -> Callable[[Series], bool]:
     """Return what says whether a loop that the options do not rule out may use a signal."""
-    owners = explicit_tags(metadata)[0]
-
     @cache
     def wanted(loop: str) -> bool:
         names = [loop] if loop in metadata.loops else [loop, metadata.match(loop), metadata.part_of(loop)]

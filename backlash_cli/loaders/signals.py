@@ -23,6 +23,7 @@ from .states import good_samples
 
 PIECE = 1 << 20  # rows that are looked at together
 MOST_TIMES = 8  # kept: more than one loop has, and few enough for plants of many files
+Owners = dict[str, list[tuple[str, str]]]  # tag in lower case -> (loop, role) of each that the metadata give it
 Faults = dict[tuple[str, str], Counter[str]]  # (what is wrong, tag) -> what stood there, counted
 
 
@@ -192,9 +193,9 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         name in asked or not shared[name] or len(loop.roles.keys() - shared[name]) > 1)}
 
 
-def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]], dict[str, dict[str, str]]]:
+def explicit_tags(metadata: Metadata) -> tuple[Owners, dict[str, dict[str, str]]]:
     """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
-    explicit: dict[str, list[tuple[str, str]]] = {}
+    explicit: Owners = {}
     asked = {loop: {role: tag for role in ROLE_KEYS if isinstance(tag := values.values.get(role), str) and tag.strip()}
              for loop, values in metadata.loops.items()}
     for loop, tags in asked.items():
@@ -203,7 +204,7 @@ def explicit_tags(metadata: Metadata) -> tuple[dict[str, list[tuple[str, str]]],
     return explicit, asked
 
 
-def owners_of(tag: str, explicit: dict[str, list[tuple[str, str]]]) -> list[tuple[str, str]]:
+def owners_of(tag: str, explicit: Owners) -> list[tuple[str, str]]:
     """Return (loop, role) of those that the metadata give a tag, as it is written or without server and unit."""
     return explicit.get(tag.strip().lower()) or explicit.get(bare_tag(tag)) or []
 

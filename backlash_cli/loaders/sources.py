@@ -78,7 +78,7 @@ def _below(folder: Path | Remote) -> list[Source]:
     folders = sorted((way, frozenset(names)) for way, names in listed.items())
     alike = Counter(name for name, _ in {(name, told_by(way, "data.")) for way, names in folders for name in names})
     found = [Source(reduce(truediv, (*way, name), folder),
-                    told_by((folder.name, *way), name, alike[name] > 1 and not re.search(r"\d", stem_of(name))), beside)
+                    told_by((folder.name, *way), name, alike[name] > 1), beside)
              for way, beside in folders for name in sorted(filter(is_export, beside))]
     found += [Source(Path(error.filename)) for error in closed]
     if not found:
@@ -90,7 +90,7 @@ def _below(folder: Path | Remote) -> list[Source]:
 
 def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     """Return the loop, or tag, that folders on the way to a file name, as loop=FIC101 does; the nearest that is called
-    after something where the file is called after its signal, its day or its number alone, or `alike` in others."""
+    after something where the file is called after its signal, day or number alone, or `alike` others and no number."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
     ways, stem = [undated(part) for part in folders if "=" not in part and not _DAY.fullmatch(part)], stem_of(name)
@@ -98,6 +98,7 @@ def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     stem = ways.pop() if of_day and ways else undated(stem)  # FIC101/2026/03/17.csv
     if ways and len(ways[-1]) == 2 and signal_role(ways[-1]) and not signal_role(stem):  # PV/FIC101.csv
         tags = [f"{stem}.{ways[-1]}"]
+    alike = alike and not re.search(r"\d", stem_of(name))
     if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or of_day):
         loops = [*[stem] * (of_day and not signal_role(stem)), *reversed(ways)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
@@ -136,8 +137,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     folders, data = [path for path in map(place, inputs) if path.is_dir()], {source.path for source in sources}
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
     for source in sources:
-        folder, beside = source.path.parent, source.beside
-        name = source.path.name
+        folder, name, beside = source.path.parent, source.path.name, source.beside
         found.append(first(folder, *(f"{one}.loops" for one in (stem_of(name), name, undated(stem_of(name)))),
                            beside=beside) or first(folder, "loops", beside=beside))
     if not any(found):

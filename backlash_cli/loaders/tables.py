@@ -226,8 +226,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     called = Counter(name.rpartition("/")[2] for name, _ in parts)
     for number, (name, opened) in enumerate(parts):  # a workbook is followed by its sheets, a text by its tables
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
-        alike = called[file] > 1 and not re.search(r"\d", stem_of(file))
-        home = told_by((stem, *folders), file, alike) if kind in ("archive", "workbook") else source.home
+        home = told_by((stem, *folders), file, called[file] > 1) if kind in ("archive", "workbook") else source.home
         own, signals, problem, text = undated(stem_of(file)), list[Series](), None, None
         table: TextTable | ParquetTable | None = None
         try:

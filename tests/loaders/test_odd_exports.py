@@ -362,7 +362,8 @@ def test_where_no_sample_is_good_the_quality_is_named(tmp_path):
 def test_two_files_that_contradict_each_other_are_refused(tmp_path):
     first = save(tmp_path, wide(), "a.csv")
     second = save(tmp_path, wide(value=lambda tag, value: cell(tag, value * 1.2)), "b.csv")
-    with pytest.raises(BacklashError, match=r"different values for the same times, 600 rows, .*a\.csv and .*b\.csv\)"):
+    said = r"two files give different values for the same times, 600 rows, .*a\.csv and .*b\.csv\)"
+    with pytest.raises(BacklashError, match=said):
         read([first, second])
     again = save(tmp_path, wide(), "c.csv")
     equals_the_recording(read([first, again])["FIC101"])
