@@ -155,7 +155,7 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
     positive, least = values > 0.0, np.log(CONVERTED)
     sizes = values if positive.all() else values[positive]
-    if len(sizes) < 100 or np.abs(np.diff(sizes)).max() < (CONVERTED - 1.0) * sizes.min() or np.all(
+    if len(sizes) < 100 or sizes.max() < CONVERTED * sizes.min() or np.all(
             np.maximum(sizes[1:], sizes[:-1]) < CONVERTED * np.minimum(sizes[1:], sizes[:-1])):
         return 0, 0
     sizes = np.log(sizes)

@@ -190,13 +190,13 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if not columns:
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
-    dates = [i for i in columns if i not in clocks and not head.parts.get(i) and (
-        is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where))][:1]
-    if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
-        dates = [i for i, unit in head.parts.items() if unit in DATE]
     halves = [i for i, unit in head.parts.items() if unit == "half"]
     of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
         clocks or u in ("", "half", *DATE))] + halves
+    dates = [i for i in columns if of_day[len(halves) :] and i not in clocks and not head.parts.get(i) and (
+        is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where))][:1]
+    if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
+        dates = [i for i, unit in head.parts.items() if unit in DATE]
     if dates and of_day[len(halves) :]:
         return (*dates, *of_day), {*columns, *dates, *of_day}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
