@@ -37,8 +37,7 @@ def plant(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("output", "number", "status"),
-    [("r.json", signal.SIGINT, 130), ("r.parquet", signal.SIGTERM, 143), ("r.html", signal.SIGTERM, 143),
-     ("pages", signal.SIGINT, 130)],
+    [("r.json", signal.SIGINT, 130), ("pages", signal.SIGTERM, 143)],
 )
 def test_a_stop_is_quick_says_what_was_done_and_leaves_the_old_report(plant, tmp_path, output, number, status):
     old = tmp_path / output
@@ -100,9 +99,10 @@ def test_a_stop_while_another_process_is_begun_leaves_no_traceback(plant, tmp_pa
     assert "Traceback" not in ended.stderr
 
 
-@pytest.mark.parametrize("place", ["threading.Thread.start", "backlash_cli.__main__._hear_stops",
-                                   "backlash_cli.__main__.cli.make_context", "os.set_blocking", "sys.stdout.flush"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("place", "number"), [
+    ("threading.Thread.start", signal.SIGTERM), ("backlash_cli.__main__._hear_stops", signal.SIGINT),
+    ("backlash_cli.__main__._hear_stops", signal.SIGTERM), ("backlash_cli.__main__.cli.make_context", signal.SIGINT),
+    ("os.set_blocking", signal.SIGTERM), ("sys.stdout.flush", signal.SIGINT), ("sys.stdout.flush", signal.SIGTERM)])
 def test_a_stop_at_any_moment_leaves_no_traceback(plant, place, number):
     """Before and after the signals are listened for, and when all is said."""
     owner, name = place.rsplit(".", 1)
@@ -132,15 +132,16 @@ def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant, ans
     assert running.returncode == 143 and "stopped" in err
 
 
-@pytest.mark.parametrize("form", ["json", "html"])
+@pytest.mark.parametrize("form", ["html"])
 def test_a_reader_that_goes_away_is_no_error(plant, form):
     command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --format {form} | head -c 10"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0 and done.stderr == "" and len(done.stdout) == 10
 
 
-@pytest.mark.parametrize("buffering", ["", "1"])  # what Python holds back fails at its exit only
-@pytest.mark.parametrize("form", ["table", "html", "help"])
+# what Python holds back fails at its exit only
+@pytest.mark.parametrize(("form", "buffering"), [
+    ("table", ""), ("table", "1"), ("html", ""), ("help", ""), ("help", "1")])
 def test_a_full_disk_behind_standard_output(plant, form, buffering):
     if not Path("/dev/full").exists():
         pytest.skip("this system has no /dev/full")
@@ -192,8 +193,8 @@ def in_terminal(*arguments: str, **environment: str) -> tuple[bytes, int]:
 def test_colour_and_progress_on_a_terminal_only(plant):
     shown, status = in_terminal("scan", str(plant), "--no-confirm")
     assert status == 0 and b"\x1b[" in shown and b"scanning" in shown
-    assert b"scanning" not in in_terminal("scan", str(plant), "--no-confirm", "--quiet", "--format", "table")[0]
-    assert b"\x1b[1;31m" not in in_terminal("scan", str(plant), "--no-confirm", NO_COLOR="1")[0]
+    shown, status = in_terminal("scan", str(plant), "--no-confirm", "--quiet", NO_COLOR="1")
+    assert status == 0 and b"scanning" not in shown and b"\x1b[1;31m" not in shown
 
 
 def test_a_terminal_that_knows_ascii_only(plant):

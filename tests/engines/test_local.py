@@ -13,8 +13,7 @@ from backlash_cli.engines import local
 from backlash_cli.engines.local import analyse, processes
 from backlash_cli.record import record_from_arrays
 from backlash_cli.results import Verdict
-from tests.readme_blocks import ROOT
-from tests.small_plant import records
+from tests.small_plant import records, write_plant
 
 
 class Deadly:
@@ -26,7 +25,7 @@ class Deadly:
 
 @pytest.fixture(scope="module")
 def plant():
-    return [replace(r, loop=f"{r.loop}-{k}") for k in range(2) for r in records()]
+    return [replace(r, loop=f"{r.loop}-{k}") for k in range(2) for r in records(hours=0.5)]
 
 
 def test_number_of_processes_follows_the_work():
@@ -94,10 +93,10 @@ print(*(report.loop for report in result.loops))
 
 @pytest.mark.parametrize("options", ["", "jobs=2"])
 def test_a_script_needs_no_guard_unless_it_asks_for_processes(tmp_path, options):
-    (tmp_path / "script.py").write_text(SCRIPT.format(path=str(ROOT / "sample_data" / "plant.csv"), options=options))
+    (tmp_path / "script.py").write_text(SCRIPT.format(path=str(write_plant(tmp_path, hours=0.3)), options=options))
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
     if options:
         assert "no further process could be started -> ask for one job" in done.stderr.splitlines()[-1]
         assert done.stderr.count("Traceback") <= 6 and not done.stdout
     else:
-        assert done.stdout.startswith("AIC501 FIC101") and not done.stderr
+        assert done.stdout == "FIC101 PIC303 TIC202\n" and not done.stderr

@@ -16,13 +16,6 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
     assert more > 80.0 and after - before < 0.3 * more  # kept whole, it would be three times the difference
 
 
-def test_a_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
-    """From two million rows on it is made in chunks; here in quarters of that, for shorter files."""
-    before, after = (peak_of(write(tmp_path / "plant.csv", 1, days, kinds=1), room=1 << 20, chunk=500_000)[1]
-                     for days in (13.0, 39.0))
-    assert after - before < 95.0  # [MB]; kept whole it is 150
-
-
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffix):
     before, after = (peak_of(write_long(tmp_path / f"plant.{suffix}", 12, days, kinds=1), room=1 << 20)[1]
@@ -31,6 +24,7 @@ def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffi
 
 
 def test_a_rough_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
+    """From two million rows on it is made in chunks; here in quarters of that, for shorter files."""
     before, after = (peak_of(write_rough(tmp_path / "plant.csv", days), room=1 << 20, chunk=500_000)[1]
                      for days in (13.0, 39.0))
     assert after - before < 150.0  # [MB], and peaks vary by 50; kept whole it is 260

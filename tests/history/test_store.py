@@ -3,9 +3,6 @@
 import itertools
 import random
 import sqlite3
-import subprocess
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +17,7 @@ from backlash_cli.reporter.templates import sentence
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import day_of
 from tests.history.nights import DAY, MARCH, cut, growing, made, result
+from tests.killed_writers import TELL, killed
 from tests.test_scan import RECORD
 
 
@@ -216,13 +214,14 @@ def test_a_second_run_waits_says_so_and_gives_up_in_words(tmp_path):
     other.close()
 
 
-WRITER = """
-import sys
+BEGIN = """
 from backlash_cli.history.store import History
 from tests.history.nights import growing, result
-print("ready", flush=True)
+reports = growing(40)
+"""
+WORK = TELL + """
 with History(sys.argv[1], create=True) as history:
-    for report in growing(40):
+    for report in reports:
         history.add(result(report))
 """
 
@@ -231,13 +230,7 @@ def test_a_run_killed_at_any_moment_leaves_the_file_sound(tmp_path):
     clean = filled(tmp_path / "clean.db", growing(40))
     path = tmp_path / "killed.db"
     rng = np.random.default_rng(17)
-    for _ in range(5):
-        run = subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE)
-        assert run.stdout is not None and run.stdout.readline()
-        time.sleep(float(rng.uniform(0, 0.25)))
-        run.kill()
-        run.wait()
-        run.stdout.close()
+    for _ in killed(BEGIN, WORK, path, rng.uniform(0, 0.25, 5)):
         if path.exists():
             with sqlite3.connect(path) as db:
                 assert db.execute("PRAGMA integrity_check").fetchone()[0] == "ok"

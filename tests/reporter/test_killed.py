@@ -2,56 +2,41 @@
 
 import random
 import re
-import signal
-import subprocess
-import sys
 from pathlib import Path
+
+from backlash_cli.reporter.scan_report import write
+from tests.killed_writers import TELL, killed
+from tests.reporter.reports import report, result
 
 FORMS = ("json", "csv", "parquet", "html", "table")
 LOOPS = 12
+RUNS = [result(*(report(f"L{i}", d) for i in range(LOOPS))) for d in (0.01, 0.03)]
 
-WRITER = f"FORMS, LOOPS = {FORMS!r}, {LOOPS}" + """
-import sys
-from pathlib import Path
-from backlash_cli.reporter.scan_report import write
-from tests.reporter.reports import record, report, result
-runs = [result(*(report(f"L{i}", d) for i in range(LOOPS))) for d in (0.01, 0.03)]
-folder, once = Path(sys.argv[1]), len(sys.argv) > 2
-def write_all(k, name):
+
+def write_all(folder: Path, k: int, name: str = "r") -> None:
+    """Write the reports of one of RUNS in every form."""
     for form in FORMS:
-        write(runs[k], {}, form, folder / f"{name}.{form}")
-    write(runs[k], {}, "html", folder / "pages")
-if once:
-    write_all(0, 0), write_all(1, 1)
-else:
-    write_all(1, "r")
-print("ready", flush=True)
-while not once:
-    write_all(0, "r"), write_all(1, "r")
+        write(RUNS[k], {}, form, folder / f"{name}.{form}")
+    write(RUNS[k], {}, "html", folder / "pages")
+
+
+BEGIN = """
+from pathlib import Path
+from tests.reporter.test_killed import write_all
+folder = Path(sys.argv[1])
 """
-
-
-def start(folder: Path, *more: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-c", WRITER, str(folder), *more]
-    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-    assert running.stdout is not None and running.stdout.readline() == b"ready\n"
-    return running
+WORK = f"write_all(folder, 1)\n{TELL}while True:\n    write_all(folder, 0), write_all(folder, 1)\n"
 
 
 def kill_while_writing(folder: Path, times: int, seed: int = 0) -> int:
     """Kill a writing process `times` times at random moments and check every report; returns the reports checked."""
     whole = folder / "whole"
     whole.mkdir()
-    start(whole, "once").wait()
+    for k in (0, 1):
+        write_all(whole, k, str(k))
     good = {form: [(whole / f"{k}.{form}").read_bytes() for k in (0, 1)] for form in FORMS}
     chance, checked = random.Random(seed), 0
-    for _ in range(times):
-        running = start(folder)
-        try:
-            running.wait(chance.uniform(0.0, 0.3))
-        except subprocess.TimeoutExpired:
-            running.send_signal(signal.SIGKILL)
-        running.communicate()
+    for _ in killed(BEGIN, WORK, folder, (chance.uniform(0.0, 0.3) for _ in range(times))):
         for form in FORMS:
             path = folder / f"r.{form}"
             if path.exists():
