@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ SIGNALS = signals()
 STAMPS = [START + timedelta(seconds=i) for i in range(ROWS)]
 
 
+@cache
 def cell(tag: str, value: float) -> str:
     """Write one value with the digits of its loop."""
     return f"{value:.{2 if tag.endswith('OP') else DIGITS[tag.split('.')[0]]}f}"
