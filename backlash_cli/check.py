@@ -6,7 +6,7 @@ import numpy as np
 
 from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
-from .estimator.quality import Quality, data_quality
+from .estimator.quality import Quality, data_quality, heaviest_first
 from .estimator.settings_check import check_settings, contradicts
 from .record import Frozen, LoopSettings, Note, Record
 from .words import said
@@ -39,7 +39,8 @@ class LoopCheck(Frozen):
         """What the data mean for the verdict: "none", "limits", "blocks" or "failed", the worst there is, and why."""
         if self.failure is not None:
             return Note("failed", f"not checked: {self.failure.message}")
-        quality = (*(n for n in self.notes if "effect" in n.values), *(self.quality.notes if self.quality else ()))
+        quality = heaviest_first((*(n for n in self.notes if "effect" in n.values),
+                                  *(self.quality.notes if self.quality else ())))
         heaviest = quality[0].values["effect"] if quality else "info"
         if heaviest == "blocks":
             return Note("blocks", f"no verdict possible: {quality[0].message}")

@@ -25,7 +25,7 @@ from .words import WORDS, noted
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
 OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 FEWEST = 10  # usable samples of which anything can be said
-UNUSABLE = {code.partition(":")[0] for _, code in WORDS["samples"].values()} | {
+UNUSABLE = {code.partition(":")[0] for state, code in WORDS["samples"].values() if state != "FILLED"} | {
     "op_outside", "outside_range", "not_numbers", "bad_quality"}  # notes that may say why no sample can be used
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 

@@ -6,6 +6,7 @@ import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from os import PathLike
 from typing import Any, TypeVar
@@ -24,12 +25,15 @@ class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """A table of a page; a key that it does not have is refused."""
 
 
-def read_page(path: str | PathLike[str], what: str, remedy: str) -> str:
-    """Return the text of a page. Raises MetadataError with `what` it is and the `remedy`."""
+def read_page(path: str | PathLike[str], what: str, remedy: str, otherwise: str = "utf-8") -> str:
+    """Return the text of a page; otherwise: its encoding where it is neither UTF-8 nor UTF-16. Raises MetadataError
+    with `what` it is and the `remedy`."""
     try:
         with place(path).open("rb") as file:
-            text = file.read()  # Excel saves "Unicode text" in UTF-16
+            text = file.read()
+        with suppress(UnicodeDecodeError):  # Excel saves "Unicode text" in UTF-16
             return text.decode("utf-16" if text.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
+        return text.decode(otherwise)
     except (OSError, UnicodeDecodeError) as error:
         problem = getattr(error, "strerror", None) or "not UTF-8 text: save it as UTF-8"
         raise MetadataError(f"{what} cannot be read: {problem}", where=str(path), remedy=remedy) from None

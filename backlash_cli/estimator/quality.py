@@ -4,6 +4,7 @@ The `values["effect"]` of a note is what it means for the verdict: "info", "limi
 evidence alone) or "blocks" ("cannot tell" for this reason).
 """
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -124,12 +125,17 @@ class Quality(Frozen):
         say(moved == 0.0, "output_constant", "blocks")
         say(0.0 < moved < LITTLE_MOTION, "little_motion", range=moved, limit=moved / MOTION)
         say(q.setpoint_moves > HALF, "setpoint_moves", share=q.setpoint_moves)
-        return tuple(sorted(notes, key=lambda note: ("blocks", "limits", "info").index(str(note.values["effect"]))))
+        return heaviest_first(notes)
 
     @property
     def known_noise(self) -> float:
         """Standard deviation of the fast noise on PV [span], 0 where a recorder's kinks would pass for it."""
         return self.pv.noise if self.pv.kind == "samples" and self.filled_share < MOSTLY_OWN else 0.0
+
+
+def heaviest_first(notes: Iterable[Note]) -> tuple[Note, ...]:
+    """Return notes on the data in the order of what they mean for the verdict."""
+    return tuple(sorted(notes, key=lambda note: ("blocks", "limits", "info").index(str(note.values["effect"]))))
 
 
 def data_quality(record: Record, Ti: float | None = None, survey: Survey | None = None) -> Quality:

@@ -154,8 +154,8 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [noted(code, {"loop": loop.name}, further=further)
-                   for code, values in (("no_setpoint", sp), ("no_output:column", op)) if values is None]
+        missing = [noted(code + ":blank" * (role in loop.roles), {"loop": loop.name}, further=further)
+                   for role, code, values in (("sp", "no_setpoint", sp), ("op", "no_output", op)) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
             ("apart", "copied", "setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
@@ -191,10 +191,7 @@ class _Making:
         values = self._carried_on(signal, role, grid)
         if self.spans is None and np.isfinite(values).any():
             self.recorded.add(role)
-        if role in self.recorded:
-            return values
-        self.notes.append(noted("no_setpoint:blank" if role == "sp" else "no_output"))
-        return None
+        return values if role in self.recorded else None
 
     def _disturbance(self, items: list[Series], grid: Grid) -> FloatArray | None:
         """A further measured column in its own units; None when it holds no numbers or cannot be joined."""

@@ -157,7 +157,7 @@ def test_wear_of_every_kind_is_followed(kind):
 
 
 def test_repairs_are_found_among_missed_nights_and_few_that_are_none():
-    found, false = repairs(16)
+    found, false = repairs(10)
     assert found >= 0.75 and false <= 0.1
 
 

@@ -99,8 +99,9 @@ def test_table_with_the_same_keys(tmp_path):
     assert settings_of(metadata.of("LIC1")).loop.Kp == 2.0
 
 
-def test_a_table_in_utf_16_as_spreadsheets_save_it(tmp_path):
-    (tmp_path / "loops.csv").write_bytes("loop\tK\tTi\nÖl 1\t0,6\t20\n".encode("utf-16"))
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252"])
+def test_a_table_as_spreadsheets_save_it(tmp_path, encoding):
+    (tmp_path / "loops.csv").write_bytes("loop\tK\tTi\nÖl 1\t0,6\t20\n".encode(encoding))
     assert settings_of(read_metadata(tmp_path / "loops.csv").of("Öl 1")).loop.K == 0.6
 
 

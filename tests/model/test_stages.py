@@ -18,7 +18,7 @@ from backlash_cli.record import FloatArray, LoopSettings, Record, record_from_ar
 
 from .loops import gap, process, steps
 
-SAMPLES, H, GAIN, LAG = 1500, 2.0, 1.2, 20.0
+SAMPLES, H, GAIN, LAG = 1000, 2.0, 1.2, 20.0
 
 
 def no_memory(p: FloatArray, interval: float, first: float) -> FloatArray:

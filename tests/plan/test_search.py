@@ -53,7 +53,7 @@ def test_the_same_seed_gives_the_same_plan(quiet, planned):
 
 
 def test_what_goes_beyond_the_limits_says_by_how_much_and_comes_last(quiet, monkeypatch):
-    monkeypatch.setattr(search, "ROUNDS", (8,))
+    monkeypatch.setattr(search, "ROUNDS", (4,))
     found = plan(quiet, replace(FEW, max_pv_move=Move(0.001), kinds=("manual_test",)))
     (option,) = [o for o in found.options if o.kind == "manual_test"]
     assert option.power > 0.0 and not option.within_limits and option.pv_move > 0.001
