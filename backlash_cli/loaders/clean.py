@@ -154,8 +154,9 @@ class _Making:
                                  self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
-        missing = [noted(code + ":blank" * (role in loop.roles), {"loop": loop.name}, further=further)
-                   for role, code, values in (("sp", "no_setpoint", sp), ("op", "no_output", op)) if values is None]
+        missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
+                   for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"),
+                                                       ("op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
             ("apart", "copied", "setpoint", "output"), ("manual",))]
         extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}

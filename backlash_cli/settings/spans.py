@@ -10,6 +10,7 @@ from ..words import explained, noted
 from .schema import Settings
 
 SLACK = 0.05  # of a span: noise around the end of a range
+MOST_MA = 30.0  # of an output in milliamperes
 TINY = 0.01  # of a span: no valve is throttled there, but shares of 1 are where per cent are expected
 
 
@@ -26,8 +27,11 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             if name == "op_range" and signals:
                 low, high = np.fmin.reduce(signals[0]), np.fmax.reduce(signals[0])
                 tiny = given[0] <= low < high <= given[0] + TINY * (given[1] - given[0])
-                if tiny or low > given[1] or high < given[0]:
-                    notes.append(noted("op_tiny" if tiny else "op_outside", share=TINY, low=low, high=high))
+                wrong = ("op_milliamps" if current and high < MOST_MA < given[1] else "op_tiny" if tiny else
+                         "op_outside" if low > given[1] or high < given[0] else "")
+                if wrong:
+                    effect = {"effect": "blocks"} if wrong == "op_milliamps" else {}
+                    notes.append(noted(wrong, effect, share=TINY, low=low, high=high, end=given[1]))
             continue
         values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         low, high = _bounds(values)

@@ -97,6 +97,7 @@ NAMES = {
     "unit": lambda n: n + " [bar]",
     "unit_round": lambda n: n + " (m3/h)",
     "out_meas": lambda n: n.replace("OP", "OUT").replace("PV", "MEAS").replace("SP", "SPT"),
+    "sw_iw": lambda n: n.replace("PV", "IW").replace("SP", "SW").replace("OP", "Y"),
     "words": lambda n: n.replace("OP", "Output").replace("PV", "Process Value").replace("SP", "Set Point"),
     "cv_attribute": lambda n: n + ".CV",
     "pi_path": lambda n: "\\\\PISRV01\\" + n,

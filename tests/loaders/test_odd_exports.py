@@ -428,6 +428,7 @@ def test_values_that_are_good_for_no_part_of_their_time_are_not_used(tmp_path):
 
 @pytest.mark.parametrize(("name", "factor", "given", "span", "code"), [
     ("OP [mA]", 0.16, "", (4.0, 20.0), "op_current"), ("OP [mA]", 0.16, "op_range = [0, 20]", (0.0, 20.0), ""),
+    ("OP [mA]", 0.16, "op_range = [0, 100]", (0.0, 100.0), "op_milliamps"),
     ("OP", 9.0, "op_range = [0, 100]", (0.0, 100.0), "op_outside"),
     ("OP", 0.01, "op_range = [0, 100]", (0.0, 100.0), "op_tiny"), ("OP", 0.01, "op_range = [0, 1]", (0.0, 1.0), "")])
 def test_an_output_in_another_unit_is_taken_for_what_it_is_or_told(tmp_path, name, factor, given, span, code):
