@@ -266,11 +266,11 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
     """Add what was counted to a total; return what is to be said of these kinds of faults."""
     notes = []
     for (code, tag), words in found.items():
-        all_words = total.setdefault((code, tag), Counter())
-        all_words.update(words)
+        (all_words := total.setdefault((code, tag), Counter())).update(words)
         if count := all_words.total():
             top = ", ".join(f"{word or '(blank)'} ({number})" for word, number in all_words.most_common(4))
-            notes.append(noted(code, {"samples": float(count)}, tag=tag[:60], top=top))
+            effect = {"effect": "blocks"} if code in ("unit_change", "points_lost") else {}  # of two sizes none is right
+            notes.append(noted(code, {"samples": float(count), **effect}, tag=tag[:60], top=top))
     return notes
 
 

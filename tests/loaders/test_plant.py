@@ -239,7 +239,7 @@ def test_files_in_different_units_are_told(tmp_path):
     save(tmp_path, "\n".join([other[0], *(other[k + 1] for k in half[1])]) + "\n", "b.csv")
     plant = read([tmp_path / "a.csv", tmp_path / "b.csv"])
     said = next(note for note in plant["FIC101"].notes if note.code == "unit_change")
-    assert said.values["samples"] == 300 and "unit_change" not in codes(plant["PIC303"].notes)
+    assert said.values == {"samples": 300, "effect": "blocks"} and "unit_change" not in codes(plant["PIC303"].notes)
 
 
 def test_the_line_of_tags_that_the_settings_name_is_the_header(tmp_path):
