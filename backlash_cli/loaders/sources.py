@@ -76,9 +76,9 @@ def _below(folder: Path | Remote) -> list[Source]:
         if not any(part.startswith((".", "_")) for part in parts):
             listed[tuple(parts)].append(name)
     folders = sorted((way, frozenset(names)) for way, names in listed.items())
-    alike = Counter(name for name, _ in {(name, told_by(way, "data.")) for way, names in folders for name in names})
-    found = [Source(reduce(truediv, (*way, name), folder),
-                    told_by((folder.name, *way), name, alike[name] > 1), beside)
+    alike = Counter(name for name, _ in {
+        (name, home) for way, names in folders for home in [told_by(way, "data.")] for name in names})
+    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name, alike[name] > 1), beside)
              for way, beside in folders for name in sorted(filter(is_export, beside))]
     found += [Source(Path(error.filename)) for error in closed]
     if not found:

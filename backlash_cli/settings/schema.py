@@ -85,7 +85,7 @@ def parse_toml(text: str, where: str) -> Metadata:
     for name, values in page.loops.items():
         if not isinstance(values, dict):
             raise MetadataError(**explained("no_table", loop=name), where=line_of(text, where, "loops", name))
-        check_keys(values, partial(line_of, text, where, "loops", name))
+        check_keys(values, partial(line_of, text, f"{where}, loop {name[:40]}", "loops", name))
     return with_defaults(page.loops, page.defaults, where)
 
 

@@ -49,7 +49,7 @@ def test_names_match_without_case():
 
 @pytest.mark.parametrize(
     ("text", "where", "words"),
-    [("[loops.A]\nK = 1\nTii = 3\n", "f.toml, line 3", "did you mean.*Ti"),
+    [("[loops.A]\nK = 1\nTii = 3\n", "f.toml, loop A, line 3", "did you mean.*Ti"),
      ("[loop.A]\nK = 1\n", "f.toml, line 1", "did you mean loops"),
      ("[loops.A\nK = 1\n", "f.toml, line 1", "TOML"),
      ("[loops.A]\nK = 0,95\n", "f.toml, line 2", "decimal point"),
