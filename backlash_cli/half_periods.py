@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from .record import FloatArray, Frozen, IntArray, Record, SampleState
+from .record import PIECE, FloatArray, Frozen, IntArray, Record, SampleState
 
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
-PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in the processor's cache
 
 
 class DoubleLag(Frozen):
@@ -219,8 +218,8 @@ class ErrorScanner:
             plain, self.states[0] = self.stages[0].run(pv, self.states[0], holes)
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
             self.last_index = int(index[-1])
-            use = np.flatnonzero((state <= FILLED) & np.isfinite(setpoint))
-            if len(use) < len(index):
+            use = (state <= FILLED) & np.isfinite(setpoint)
+            if not use.all():
                 index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
             self.plain.update(np.subtract(setpoint, plain, out=plain), setpoint, index)
             self.smooth.update(np.subtract(setpoint, smooth, out=smooth), setpoint, index)

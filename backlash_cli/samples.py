@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile, runs
+from .record import AT_LIMIT, PIECE, FloatArray, IntArray, Note, SampleState, quantile, runs
 from .words import WORDS, noted
 
 MAX_HOLE = 5  # absent samples that may be bridged
@@ -153,22 +153,28 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
 def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
-    positive, least = values > 0.0, np.log(CONVERTED)
-    sizes = values if positive.all() else values[positive]
-    if len(sizes) < 100 or sizes.max() < CONVERTED * sizes.min() or np.all(
-            np.maximum(sizes[1:], sizes[:-1]) < CONVERTED * np.minimum(sizes[1:], sizes[:-1])):
+    if not len(values) or 0.0 < values.max() < CONVERTED * values.min():
         return 0, 0
-    sizes = np.log(sizes)
-    steps = np.abs(np.diff(sizes))
+    sizes = values if values.min() > 0.0 else values[values > 0.0]
+    far = np.concatenate([np.zeros(0, int), *(first + _far(sizes[first : first + PIECE + 1])
+                                              for first in range(0, len(sizes), PIECE))])
+    if len(sizes) < 100 or not len(far):
+        return 0, 0
+    steps = np.abs(np.log(sizes[far + 1] / sizes[far]))
     jumps = np.count_nonzero(np.abs(steps - np.log(1000.0)) < np.log(1.5))
-    if jumps > max(0.01 * len(steps), 0.9 * np.count_nonzero(steps > least)):
-        return 0, int(np.count_nonzero(sizes < sizes.max() - np.log(1000.0) / 2.0))
-    cut = 1 + int(np.argmax(steps))
+    if jumps > max(0.01 * (len(sizes) - 1), 0.9 * len(far)):
+        return 0, int(np.count_nonzero(sizes < sizes.max() / 1000.0**0.5))
+    cut = 1 + int(far[np.argmax(steps)])
     below, above = sorted((sizes[:cut], sizes[cut:]), key=lambda part: float(part[0]))
-    if min(len(below), len(above)) < 20 or above.min() - below.max() < least:
+    if min(len(below), len(above)) < 20 or above.min() < CONVERTED * below.max():
         return 0, 0
-    moves, others = (quantile(np.abs(np.diff(part)), 0.5) for part in (below, above))
-    return (len(values) - int(np.flatnonzero(positive)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
+    moves, others = (quantile(np.abs(np.diff(np.log(part))), 0.5) for part in (below, above))
+    return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
+
+
+def _far(sizes: FloatArray) -> IntArray:
+    """Numbers of the samples of which the next is CONVERTED times as large or small."""
+    return np.flatnonzero(np.maximum(sizes[1:], sizes[:-1]) >= CONVERTED * np.minimum(sizes[1:], sizes[:-1]))
 
 
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}

@@ -15,8 +15,8 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from ..half_periods import PIECE, ErrorScanner, OpenHalfPeriod, Segments
-from ..record import FloatArray, Frozen, LoopSettings, Record
+from ..half_periods import ErrorScanner, OpenHalfPeriod, Segments
+from ..record import PIECE, FloatArray, Frozen, LoopSettings, Record
 from .haegglund import error_scanner
 
 FORGET = 25.0  # after 25 time constants a start at rest is forgotten: (1 + x) exp(-x) = 4e-10

@@ -118,10 +118,11 @@ def with_all_signals(r: Record) -> NDArray[np.bool_]:
 
 def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
     """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
-    rows, stride = np.flatnonzero(use), 1
-    own = index[rows]
-    stretches = np.arange(own[0] // ROWS, own[-1] // ROWS + 1) if len(own) else own
-    starts, ends = (np.searchsorted(own, ROWS * (stretches + after)) for after in (0, 1))
-    while np.count_nonzero(chosen := (starts < ends) & (stretches % stride == 0)) > most:
+    stretches = np.arange(index[0] // ROWS, index[-1] // ROWS + 1) if len(index) else index
+    starts, ends = (np.searchsorted(index, ROWS * (stretches + after)) for after in (0, 1))
+    some, stride = np.flatnonzero(starts < ends), 1
+    some = some[np.logical_or.reduceat(use, starts[some])] if len(some) else some
+    while np.count_nonzero(chosen := stretches[some] % stride == 0) > most:
         stride *= 2
-    return np.concatenate([rows[:0], *(rows[a:b] for a, b in zip(starts[chosen], ends[chosen], strict=True))])
+    return np.concatenate([np.zeros(0, int), *(starts[k] + np.flatnonzero(use[starts[k] : ends[k]])
+                                               for k in some[chosen])])

@@ -270,10 +270,11 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     forms = (_at_edges(ruled), *_REWRITTEN) if ruled else _REWRITTEN
     for form, changes in () if options.delimiter or declared else forms:
         if 2 * sum(bool(form.match(lines[i][2])) for i in last) > len(last):
-            text.rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
-                         for block in chain([text.head], text.rest))
-            text.head = next(text.rest)
-            return head_of(text, stem, home)
+            rest = (bytearray(reduce(lambda old, one: one[0].sub(one[1], old), changes, bytes(block)))
+                    for block in chain([text.head], text.rest))
+            written, text.head, text.rest = text.head, next(rest), rest
+            if text.head != written:  # or the lines only begin alike
+                return head_of(text, stem, home)
     delimiter = options.delimiter or (declared[1] if declared else _delimiter(
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))

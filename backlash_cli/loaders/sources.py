@@ -147,7 +147,6 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
-    table = Path(place(path).name).suffix.lower() in (".csv", ".txt", ".tsv")  # of a spreadsheet, also in its code page
-    text = read_page(path, "the loops file", "give --loops a TOML or CSV file that can be read",
-                     "cp1252" if table else "utf-8")
-    return (parse_table if table else parse_toml)(text, str(path))
+    table = Path(place(path).name).suffix.lower() in (".csv", ".txt", ".tsv")  # a spreadsheet has a code page
+    parse, code = (parse_table, "cp1252") if table else (parse_toml, "utf-8")
+    return parse(read_page(path, "the loops file", "give --loops a TOML or CSV file that can be read", code), str(path))
