@@ -110,10 +110,10 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
 def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     """Return the exports; note in `done` the days for which there is none, and those too old to be looked at."""
-    found, done[OLDER] = find_exports(config.inputs, together=config.together, look_back=config.look_back)
+    found, done[OLDER], done[NOTHING] = find_exports(config.inputs, together=config.together,
+                                                     look_back=config.look_back)
     if not found:
         raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
-    done[NOTHING] = [pattern for pattern in config.inputs if not matches(pattern)]
     done["missing"] = missing_days(e.name for e in found if e.date)
     return found
 

@@ -109,17 +109,20 @@ class DatedExport(Frozen):
 
 
 def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14
-                 ) -> tuple[list[DatedExport], list[str]]:
-    """Return exports in the order of their dates, and the names of those over `look_back` days before the newest.
+                 ) -> tuple[list[DatedExport], list[str], list[str]]:
+    """Return exports in the order of their dates, the names of those over `look_back` days before the newest, and the
+    patterns that no file matches.
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`)."""
     nights: dict[date | str, list[Path]] = {}
-    for path, day in sorted({match for pattern in patterns for match in matches(pattern)}, key=lambda match: match[0]):
+    behind = {pattern: matches(pattern) for pattern in patterns}
+    for path, day in sorted({match for found in behind.values() for match in found}, key=lambda match: match[0]):
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
     dated = sorted(day for day in nights if isinstance(day, date))
     older = [day.isoformat() for day in dated if (dated[-1] - day).days > look_back]
-    return [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated[len(older) :]),
-            *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))], older
+    exports = [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated[len(older) :]),
+               *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))]
+    return exports, older, [pattern for pattern, found in behind.items() if not found]
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:

@@ -18,7 +18,9 @@ def touch(folder, *names):
 
 def test_files_of_one_date_are_one_night(tmp_path):
     touch(tmp_path, "a_2026-03-01.csv", "b_2026-03-01.csv", "a_2026-03-03.csv", "a_2026-13-01.csv", "notes.txt")
-    found, older = find_exports([str(tmp_path / "a_{date}.csv"), str(tmp_path / "b_{date}.csv")])
+    patterns = [str(tmp_path / name) for name in ("a_{date}.csv", "b_{date}.csv", "c_{date}.csv")]
+    found, older, nothing = find_exports(patterns)
+    assert nothing == patterns[2:]
     assert older == []
     assert [(e.name, len(e.files)) for e in found] == [("2026-03-01", 2), ("2026-03-03", 1)]
     assert missing_days(e.name for e in found) == ["2026-03-02"]
@@ -38,7 +40,7 @@ def test_the_date_is_read_wherever_the_pattern_says(tmp_path, pattern, name):
 
 def test_only_the_last_days_are_looked_at_counted_from_the_newest_export(tmp_path):
     touch(tmp_path, *(f"p_2026-03-{day:02d}.csv" for day in (1, 10, 20, 25)))
-    found, older = find_exports([str(tmp_path / "p_{date}.csv")], look_back=14)
+    found, older, _ = find_exports([str(tmp_path / "p_{date}.csv")], look_back=14)
     assert [e.name for e in found] == ["2026-03-20", "2026-03-25"] and older == ["2026-03-01", "2026-03-10"]
 
 
@@ -46,12 +48,12 @@ def test_exports_without_a_date(tmp_path):
     touch(tmp_path, "u1.csv", "u2.csv")
     assert [e.name for e in find_exports([str(tmp_path / "*.csv")])[0]] == ["u1.csv", "u2.csv"]
     assert [len(e.files) for e in find_exports([str(tmp_path / "*.csv")], together=True)[0]] == [2]
-    assert find_exports([str(tmp_path / "none*.csv")]) == ([], [])
+    assert find_exports([str(tmp_path / "none*.csv")]) == ([], [], [str(tmp_path / "none*.csv")])
 
 
 def test_a_fingerprint_follows_content_and_settings(tmp_path):
     touch(tmp_path, "p_2026-03-01.csv", "loops.toml")
-    (export,), _ = find_exports([str(tmp_path / "p_{date}.csv")])
+    (export,), *_ = find_exports([str(tmp_path / "p_{date}.csv")])
     first = export.fingerprint([tmp_path / "loops.toml"])
     assert export.fingerprint([tmp_path / "loops.toml"]) == first != export.fingerprint()
     (tmp_path / "loops.toml").write_text("other")

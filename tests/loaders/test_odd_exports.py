@@ -747,6 +747,6 @@ def test_a_short_name_of_a_loop_is_no_part_of_its_signal(name, loop, role):
 
 
 def test_lines_that_only_begin_as_those_that_are_rewritten_are_refused_in_one_message(tmp_path):
-    lines = ["time,FIC101.SP,FIC101.PV,FIC101.OP", *(f"/Date({1773791700000 + 1000 * k}?,405,405.5,44.9" for k in range(9))]
+    rows = [f"/Date({1773791700000 + 1000 * k}?,405,405.5,44.9" for k in range(9)]
     with pytest.raises(InputError):
-        read(save(tmp_path, "\n".join(lines) + "\n"))
+        read(save(tmp_path, "\n".join(["time,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n"))
