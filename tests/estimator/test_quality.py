@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli.check import check_loop
 from backlash_cli.estimator.quality import data_quality, fast_noise, rounding_step, stored_as
 from backlash_cli.estimator.survey import Survey
-from backlash_cli.record import Record, SampleState, record_from_arrays
+from backlash_cli.record import Note, Record, SampleState, record_from_arrays
 
 from .closed_loop import Loop, exception_reporting, load_steps, run
 
@@ -197,3 +198,11 @@ def test_what_an_exception_deviation_leaves_in_means_is_that_of_a_signal_that_sw
 def test_how_pv_was_stored_is_seen_without_a_setpoint_too() -> None:
     record = replace(RECORD, measurement=np.round(PV, 2), setpoint=np.full(len(PV), np.nan))
     assert data_quality(record).pv.step == pytest.approx(0.01)
+
+
+def test_what_forbids_a_verdict_goes_before_what_limits_it() -> None:
+    cascade = Note("cascade", "OP is the setpoint of FIC102", {"effect": "limits"})
+    flat = replace(RECORD, output=np.full(len(PV), 0.4), notes=(cascade,))
+    judged = check_loop(flat).judged
+    assert judged.code == "blocks" and "OP" in judged.message and "FIC102" not in judged.message
+    assert check_loop(replace(RECORD, notes=(cascade,))).judged.code == "limits"
