@@ -153,9 +153,10 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
 def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
-    if not len(values) or 0.0 < values.max() < CONVERTED * values.min():
+    least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
+    if 0.0 < most < CONVERTED * least:
         return 0, 0
-    sizes = values if values.min() > 0.0 else values[values > 0.0]
+    sizes = values if least > 0.0 else values[values > 0.0]
     far = np.concatenate([np.zeros(0, int), *(first + _far(sizes[first : first + PIECE + 1])
                                               for first in range(0, len(sizes), PIECE))])
     if len(sizes) < 100 or not len(far):

@@ -192,13 +192,13 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
     halves = [i for i, unit in head.parts.items() if unit == "half"]
     of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
-        clocks or u in ("", "half", *DATE))] + halves
-    dates = [i for i in columns if of_day[len(halves) :] and i not in clocks and not head.parts.get(i) and (
+        clocks or u in ("", "half", *DATE))]
+    dates = [i for i in columns if of_day and i not in clocks and not head.parts.get(i) and (
         is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where))][:1]
     if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
         dates = [i for i, unit in head.parts.items() if unit in DATE]
-    if dates and of_day[len(halves) :]:
-        return (*dates, *of_day), {*columns, *dates, *of_day}
+    if dates and of_day:
+        return (*dates, *of_day, *halves), {*columns, *dates, *of_day, *halves}
     utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(_LATER.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))

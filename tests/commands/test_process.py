@@ -132,7 +132,7 @@ def test_a_stop_that_is_lost_on_its_way_ends_the_process_all_the_same(plant, ans
     assert running.returncode == 143 and "stopped" in err
 
 
-@pytest.mark.parametrize("form", ["html"])
+@pytest.mark.parametrize("form", ["json", "html"])
 def test_a_reader_that_goes_away_is_no_error(plant, form):
     command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --format {form} | head -c 10"
     done = subprocess.run(["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, timeout=60)
@@ -153,7 +153,7 @@ def test_a_full_disk_behind_standard_output(plant, form, buffering):
     assert "Exception" not in done.stderr
 
 
-@pytest.mark.parametrize("closed", [">&-", ">&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
 def test_closed_outputs_take_nothing_and_hurt_nobody(plant, tmp_path, closed):
     command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --history {tmp_path / 'h.db'} {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)

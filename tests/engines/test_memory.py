@@ -10,10 +10,13 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
     short = write(tmp_path / "short.csv", loops=120, days=0.25, kinds=1)
     long = write(tmp_path / "long.csv", loops=120, days=0.75, kinds=1)
     room = 1 << 20
-    (loops, before, _), (same, after, _) = peak_of(short, room=room), peak_of(long, room=room)
     more = (long.stat().st_size - short.stat().st_size) / (1 << 20)
-    assert loops == same == 120
-    assert more > 80.0 and after - before < more  # peaks vary by 40 MB; kept whole, it would be three times as much
+    for _ in range(3):  # two peaks of one scan differ by up to 40 MB, now and then
+        (loops, before, _), (same, after, _) = peak_of(short, room=room), peak_of(long, room=room)
+        assert loops == same == 120 and more > 80.0
+        if after - before < 0.3 * more:  # kept whole, it would be three times the difference, each time
+            return
+    pytest.fail(f"{after - before:.0f} MB more for {more:.0f} MB more of text")
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

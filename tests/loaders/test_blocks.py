@@ -89,7 +89,7 @@ def assert_same(whole, lazy):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=f"{a.loop} {name}")
 
 
-@pytest.mark.parametrize("key", [*EXPORTS, *MORE][::2])
+@pytest.mark.parametrize("key", [*EXPORTS, *MORE])
 def test_every_export_is_read_alike_in_blocks(key, tmp_path):
     export = {**EXPORTS, **MORE}[key]
     inputs, options = export.write(tmp_path), ReadOptions(**export.options)
