@@ -161,7 +161,7 @@ def hold(values: FloatArray) -> FloatArray:
 
 def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)) if flags.any() else np.zeros(0, int)
     return edges[0::2], edges[1::2]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtr
 
-from ..record import FloatArray, LoopSettings, Note, quantile
+from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
 from ..words import noted, said
 from .haegglund import DEFAULT_KP, OK, SLOW_ENOUGH
@@ -105,7 +105,7 @@ def densest(d: FloatArray) -> Cluster | None:
     highs = np.searchsorted(values, values * (1 + CLOSE), side="right")
     most = int(np.argmax(highs - lows))
     members = values[lows[most] : highs[most]]
-    q1, centre, q3 = (quantile(members, share) for share in (0.25, 0.5, 0.75))
+    q1, centre, q3 = np.interp(np.arange(1, 4) / 4 * (len(members) - 1), np.arange(len(members)), members).tolist()
     return Cluster(centre, median_interval(members), (q3 - q1) / centre, len(members), len(members) / len(values))
 
 

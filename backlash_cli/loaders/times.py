@@ -4,6 +4,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 import re
 from collections.abc import Callable, Sequence
 from datetime import timedelta, timezone, tzinfo
+from functools import lru_cache, reduce
 from zoneinfo import ZoneInfo, available_timezones
 
 import numpy as np
@@ -55,17 +56,16 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     return micros, zoned, of_day
 
 
+@lru_cache(1 << 14)
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
     text = re.sub(_NO_DATE, "", text)
     found = re.match(_DATED, text)
-    for written, usual in () if found else _REWRITTEN:
-        text = re.sub(written, usual, text)
-    if ":" in text and re.match(_OF_DAY, text):
-        return "clock"
+    text = text if found else reduce(lambda rest, form: re.sub(form[0], form[1], rest), _REWRITTEN, text)
     found = found or re.match(_DATED, text)
     known = found and all(_whole_or_month(part) != -99 for part in found.group("a", "b"))
-    return "time" if known or re.match(_COMPACT, text) else ""
+    clock = ":" in text and re.match(_OF_DAY, text)
+    return "clock" if clock else "time" if known or re.match(_COMPACT, text) else ""
 
 
 def _is_open(micros: IntArray) -> NDArray[np.bool_]:

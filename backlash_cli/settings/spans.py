@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import LoopError
-from ..record import FloatArray, LoopSettings, Note
+from ..record import FloatArray, LoopSettings, Note, quantile
 from ..words import explained, noted
 from .schema import Settings
 
@@ -40,7 +40,7 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             notes.append(noted("op_current"))
         elif low >= -SLACK and high <= 1.0 + SLACK:
             span = 0.0, 1.0
-        elif name == "op_range" and low >= -5.0 and high <= 105.0 and np.quantile(values, 0.05) >= -SLACK:
+        elif name == "op_range" and low >= -5.0 and high <= 105.0 and quantile(values, 0.05) >= -SLACK:
             span = 0.0, 100.0
             notes.append(noted("op_percent"))
         else:
@@ -69,12 +69,12 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
     if ends[0] >= -SLACK and ends[1] <= 1.0 + SLACK:
         return ends  # normalised: nobody asks further
     # a setpoint that stands still is half of all values: quartiles would say no more than where it stands
-    low, first, last, high = np.quantile(values, [0.001, 0.05, 0.95, 0.999]).tolist()
+    low, first, last, high = (quantile(values, share) for share in (0.001, 0.05, 0.95, 0.999))
     reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
     if low < first - reach or high > last + reach:
         near = values[(values >= first - reach) & (values <= last + reach)]
         if len(near):
-            low, high = np.quantile(near, [0.001, 0.999]).tolist()
+            low, high = quantile(near, 0.001), quantile(near, 0.999)
     return low, high
 
 

@@ -15,7 +15,7 @@ from ..words import explained
 from .scenario import Applied, Scenario, Signal, draw_lines, every
 
 UNSTABLE_SPANS = 10.0  # the measurement of a loop that works stays within a few spans
-AT_LIMIT = 1e-9  # an output this close to its limit is at its limit
+TOUCHES = 1e-9  # an output this close to its limit is at its limit
 Random = Iterator[np.random.Generator]  # one after the other, for the random effects in their order
 
 
@@ -97,7 +97,7 @@ def export(run: Trace) -> Record:
     s = run.scenario
     pick = slice(None, None, every(s.record_seconds, s.step, "record_interval"))
     output = run.output[pick]
-    limited = (output <= s.controller.low + AT_LIMIT) | (output >= s.controller.high - AT_LIMIT)
+    limited = (output <= s.controller.low + TOUCHES) | (output >= s.controller.high - TOUCHES)
     state = np.where(limited, SampleState.SATURATED, SampleState.GOOD).astype(np.uint8)
     state[run.by_hand[pick]] = SampleState.MANUAL
     signals = {"SP": run.setpoint[pick].copy(), "PV": run.measurement[pick].copy(), "OP": output.copy()}
