@@ -136,10 +136,14 @@ def command(name: str) -> click.Command:
             from ..loaders.sources import find_sidecars, find_sources
 
             inputs = given.get("inputs", ())
-            beside = find_sidecars(inputs, find_sources(inputs)) if inputs else []
-            read = [one for one in (*inputs, given.get("loops"), *beside) if isinstance(one, Path) and one.exists()]
-            if path := next((path for path in there if any(map(path.samefile, read))), None):
-                raise UsageError("this is the export itself, or its settings", where=f"{path}", remedy="choose another")
+            sources = find_sources(inputs) if inputs else []
+            named = [one for name, one in given.items() if name not in WRITTEN and name != "inputs"]
+            read = [one for one in (*(source.path for source in sources), *find_sidecars(inputs, sources), *named)
+                    if isinstance(one, Path) and one.is_file()]
+            for path in there:
+                if any(map(path.samefile, read)) and not _may_go(path, given):
+                    raise UsageError("this is the export itself, its settings or a model that is read",
+                                     where=f"{path}", remedy="choose another")
         return function_of(name)(**given)
 
     words = PAGE[name]
@@ -148,6 +152,12 @@ def command(name: str) -> click.Command:
     epilog = "\n  ".join([words.get("epilog", "") + "\b\nExamples:", *words["examples"]])
     return click.Command(name, callback=run, help=words["help"], short_help=words["summary"], epilog=epilog,
                          params=[_parameter(one, own.get(one, {})) for one in [*own, *also]])
+
+
+def _may_go(path: Path, given: Mapping[str, Any]) -> bool:
+    """Say whether a file that is read may be written over: a model that grows, the report of the night before."""
+    with path.open("rb") as file:
+        return path == given.get("save_model") == given.get("model_file") or file.read(17) == b'"loop","verdict",'
 
 
 def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import sys
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,9 +18,10 @@ from ..engines.local import answers
 from ..errors import BacklashError, UsageError, some
 from ..history.store import History
 from ..history.unfinished import Unfinished
+from ..loaders.clean import Recipe
+from ..loaders.grid import DAY
 from ..loaders.plant import OpenPlant, open_plant
-from ..loaders.sources import find_sources
-from ..places import Remote
+from ..loaders.sources import Source, find_sources
 from ..reporter.check_table import checked
 from ..reporter.files import form_of
 from ..reporter.plant_files import write_plant, write_settings
@@ -140,13 +142,13 @@ class Job:
     @cached_property
     def plant(self) -> OpenPlant:
         """The loops by name, each read again when it is asked for: pictures need the samples."""
-        return self._open(self.export.inputs)
+        return self._open()
 
-    def scan(self, inputs: Sequence[Path | Remote] | None = None) -> ScanResult:
-        """Return the result of all inputs, or of these."""
+    def scan(self, night: Sequence[Source] | None = None) -> ScanResult:
+        """Return the result of all files, or of those of a night."""
         gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
-        plant = self.plant if inputs is None else self._open(inputs)
-        if inputs is None and self.keep is not None:
+        plant = self.plant if night is None else self._open(night)
+        if night is None and self.keep is not None:
             self.taken_over = sum(recipe.key in self.keep.known for recipe in plant.recipes)
             if self.keep.resumed and self.shown:
                 say(f"{self.taken_over} of {len(plant.recipes)} loops were finished before and are taken over"
@@ -159,13 +161,13 @@ class Job:
             return api.scan(plant, self.options, jobs=self.jobs, progress=lambda report: step(), keep=self.keep,
                             client=self.client)
 
-    def _open(self, inputs: Sequence[Path | Remote]) -> OpenPlant:
-        size = None  # of all files on this machine
+    def _open(self, night: Sequence[Source] | None = None) -> OpenPlant:
+        size, inputs = None, self.export.inputs  # of all files on this machine
         with contextlib.suppress(BacklashError, OSError):
-            size = sum(source.path.stat().st_size for source in find_sources(inputs) if isinstance(source.path, Path))
+            size = sum(one.path.stat().st_size for one in night or find_sources(inputs) if isinstance(one.path, Path))
         with progress("reading", size, shown=self.shown, of_bytes=True) as taken:
-            return open_plant(list(inputs), loops=self.export.loops, options=self.export.reading, taken=taken,
-                              salt=None if self.keep is None else repr(self.options))
+            return open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
+                              salt=None if self.keep is None else repr(self.options), only=night)
 
 
 @contextlib.contextmanager
@@ -201,10 +203,26 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
         say(f"{some(long, 3)}: the export covers more than a day and enters the history as one night; "
             "scan single days to see wear")
         return []
-    found = []
-    for source in find_sources(list(job.export.inputs)):
+    found, sources = [], find_sources(job.export.inputs)
+    for files in _nights(job.plant.recipes):
+        night = [source for source in sources if str(source.path) in files]
         try:
-            found.append(job.scan([source.path]))
+            found.append(job.scan(night))
         except BacklashError as error:
-            say(f"this export is no night of the history: {source.path.name}: {error}")
+            names = some([source.path.name for source in night], 3)
+            say(f"this export is no night of the history: {names}: {error}")
     return found
+
+
+def _nights(recipes: Sequence[Recipe]) -> list[set[str]]:
+    """Return the files of each night: of every loop one that holds its PV, and what else was recorded meanwhile."""
+    nights: defaultdict[tuple[int, int], set[str]] = defaultdict(set)  # day of the first stamp, number in this day
+    for roles in (recipe.series.roles for recipe in recipes):
+        of_pv, count = {item.axis.where: item.axis for item in roles.get("pv", ())}, Counter[int]()
+        for file, axis in sorted(of_pv.items(), key=lambda pair: pair[1].first()):
+            first, last = axis.first(), axis.last()
+            count[day := first // DAY] += 1
+            nights[day, count[day]] |= {file, *(
+                item.axis.where for items in roles.values() for item in items
+                if item.axis.where not in of_pv and item.axis.first() <= last and item.axis.last() >= first)}
+    return [nights[key] for key in sorted(nights)]

@@ -16,6 +16,7 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklashError
@@ -24,7 +25,7 @@ from ..loaders.clean import Recipe
 from ..loaders.signals import Joiner
 from ..record import Note, Record, failure
 from ..results import LoopReport, Verdict
-from ..scanning import ScanOptions, scan, scan_blocks
+from ..scanning import ScanOptions, scan_blocks
 from .cluster import Item, Result, cores, on_cluster, threads
 
 if TYPE_CHECKING:
@@ -108,24 +109,24 @@ def analyse_group(group: Sequence[Loop], options: ScanOptions, keep: Unfinished 
     joiner = next((Joiner(loop.options.good_quality) for loop in group if isinstance(loop, Recipe)), None)
     for loop in group:
         try:
-            long = loop if isinstance(loop, Recipe) and loop.is_long() else None
-            record = loop if isinstance(loop, Record) else next(long.chunks()) if long else loop.record(joiner)
+            blocks = iter([loop]) if isinstance(loop, Record) else loop.chunks() if loop.is_long() else iter(
+                [loop.record(joiner)])
+            first = next(blocks)
         except BacklashError as error:
             yield failure(error, loop=loop.loop)
             continue
         except Exception as error:  # one loop's failure must not cost the others their report
             yield failed(loop, Note("internal_error", f"reading failed: {type(error).__name__}: {error}"))
             continue
-        report = analyse_loop(record, options, long)
+        report = analyse_loop(first, options, blocks)
         if keep is not None:
             keep.add(getattr(loop, "key", ""), report)
         yield report
 
 
-def analyse_loop(record: Record, options: ScanOptions, long: Recipe | None = None) -> LoopReport:
-    """Return the report of one loop, or of a `long` one read in chunks; whatever goes wrong in it is its reason."""
-    return _guarded(lambda: scan(record, options) if long is None else scan_blocks(long.chunks(), options),
-                    partial(failed, record), "the analysis failed")
+def analyse_loop(first: Record, options: ScanOptions, others: Iterator[Record]) -> LoopReport:
+    """Return the report of one loop from its first block and the others; whatever goes wrong in it is its reason."""
+    return _guarded(lambda: scan_blocks(chain([first], others), options), partial(failed, first), "the analysis failed")
 
 
 def _guarded(work: Callable[[], Result], lost: Callable[[Note], Item], words: str) -> Result | Item:

@@ -35,5 +35,7 @@ def manual_stretches(record: Record) -> list[Recording]:
         cut = slice(first, part[-1] + 1)
         usable = by_hand[cut] & np.isfinite(record.measurement[cut])
         usable[: part[0] - first] = False
+        if not usable.any():
+            continue
         found.append(recording_of(index[cut], output[cut], record.measurement[cut], usable, scale=100.0))
     return found[-MOST_TESTS:]

@@ -128,12 +128,13 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
-               room: Room | None = None, salt: str | None = None) -> OpenPlant:
+               room: Room | None = None, salt: str | None = None, only: Sequence[Source] | None = None) -> OpenPlant:
     """Find the loops of exports. taken: called with the bytes of a file that were read. room: memory for samples, the
-    rest goes to a scratch file. salt: what a kept report depends on beside the data. Raises BacklashError."""
+    rest goes to a scratch file. salt: what a kept report depends on beside the data. only: those of the files that are
+    to be read. Raises BacklashError."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    sources = find_sources(given)
+    sources = find_sources(given) if only is None else only
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
     series, problems = list[Series](), dict[str, BacklashError]()
@@ -175,7 +176,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     recipes = (_recipe(name, wanted[name], metadata, options, slaves) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
                      tuple(failure(error, file=path) for path, error in problems.items()),
-                     tuple(str(item) for item in given))
+                     tuple(map(str, given if only is None else [source.path for source in only])))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],

@@ -3,6 +3,8 @@
 import inspect
 import re
 import shlex
+import shutil
+from pathlib import Path
 
 import click
 import pytest
@@ -12,7 +14,7 @@ from backlash_cli.commands.options import PAGE, function_of
 
 from .run import run
 
-NAMES = list(cli.commands)
+NAMES, SAMPLES = list(cli.commands), Path(__file__).parents[2] / "sample_data"
 
 
 def help_of(name: str) -> str:
@@ -72,14 +74,24 @@ def test_nothing_on_the_page_is_left_over():
 
 @pytest.mark.parametrize("arguments", [
     "scan P --output P", "scan ./P --output P", "scan P --history P", "scan P --plot P", "check P --output P",
-    "plan P --output P", "compare P --json P", "scan P --loops L --output L"])
+    "plan P --output P", "compare P --json P", "scan P --loops L --output L",
+    "scan . --output P.csv", "scan . --output sub/P.csv", "scan . --output loops.toml", "compare P --model M --json M"])
 def test_what_a_command_reads_is_never_written_over(arguments, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    for name in "PL":
+    (tmp_path / "sub").mkdir()
+    for name in ("P", "L", "M", "P.csv", "sub/P.csv", "loops.toml"):
         (tmp_path / name).write_text("is not even read")
     done = run(capfd, *arguments.split())
     assert done.status == 2 and "this is the export itself" in done.err
-    assert {path.read_text() for path in tmp_path.iterdir()} == {"is not even read"}
+    assert {path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == {"is not even read"}
+
+
+def test_the_report_of_the_night_before_is_written_over_though_it_lies_among_the_exports(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(SAMPLES, tmp_path, dirs_exist_ok=True)
+    for _ in range(2):
+        assert run(capfd, "scan", ".", "--no-confirm", "--output", "report.csv").status == 0
+    assert (tmp_path / "report.csv").read_text().startswith('"loop","verdict",')
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

@@ -112,6 +112,37 @@ def test_dated_files_of_one_loop_are_nights_of_one_loop(capfd, tmp_path):
         assert history.loops() == ["FIC7"] and len(history.nights("FIC7")) == 2
 
 
+@pytest.mark.parametrize("path", ["{loop}.{tag}_2026030{day}.csv", "{tag}/{loop}/2026-03-0{day}.csv",
+                                  "loop={loop}/date=2026-03-0{day}/part-0.csv"])
+def test_a_night_of_a_folder_is_all_files_of_that_night(path, capfd, tmp_path):
+    """One file per tag and day, or partitions by loop and day: the nights of single files with all signals."""
+    rng, frames = np.random.default_rng(3), {}
+    for loop in ("FIC7", "FIC8"):
+        for day in (2, 3, 4):
+            frames[loop, day] = pd.DataFrame(
+                {"time": pd.date_range(f"2026-03-0{day}", periods=900, freq="s"), "SP": 50.0,
+                 "PV": 50 + rng.normal(size=900).cumsum().round(3) * 0.01, "OP": 40 + rng.normal(size=900).round(3)})
+    for (loop, day), frame in frames.items():
+        for tag in ("SP", "PV", "OP"):
+            file = tmp_path / "set" / path.format(loop=loop, tag=tag, day=day)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            columns = ["time", tag] if "{tag}" in path else list(frame)
+            frame[columns].rename(columns={tag: "value"} if "{tag}" in path else {}).to_csv(file, index=False)
+        frame.add_prefix(f"{loop}.").rename(columns={f"{loop}.time": "time"}).to_csv(
+            tmp_path / f"{loop}-{day}.csv", index=False)
+    (tmp_path / "loops.toml").write_text("[defaults]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\n")
+    assert run(capfd, "scan", tmp_path / "set", "--loops", tmp_path / "loops.toml", "--history", tmp_path / "set.db",
+               *QUICK).status == 0
+    for loop, day in frames:
+        run(capfd, "scan", tmp_path / f"{loop}-{day}.csv", "--history", tmp_path / "single.db", *QUICK)
+    with History(tmp_path / "set.db") as found, History(tmp_path / "single.db") as expected:
+        assert found.loops() == expected.loops() == ["FIC7", "FIC8"]
+        for loop in expected.loops():
+            assert [(n.start, n.samples, n.verdict) for n in found.nights(loop)] == [
+                (n.start, n.samples, n.verdict) for n in expected.nights(loop)]
+            assert len(found.nights(loop)) == 3
+
+
 def test_the_list_names_loops_nights_verdicts_and_repairs(capfd, db):
     done = run(capfd, "history", db)
     assert done.status == 0 and "FIC101  60" in done.out and "60 backlash" in done.out
