@@ -34,9 +34,9 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
     plant = Export.of(given).read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
-    folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "backlash" / "plans"
+    folder = None if no_cache else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "backlash", "plans")
     with progress("planning", len(plant), stopped="loops were planned; no plan was written") as step:
-        work = partial(kept_plan, options=wanted, folder=None if no_cache else folder)
+        work = partial(kept_plan, options=wanted, folder=folder)
         for found in answers(plant.records, work, jobs=jobs):
             if isinstance(found, Note):
                 failures.append(found.message)

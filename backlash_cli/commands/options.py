@@ -108,6 +108,7 @@ def names(text: str) -> tuple[str, ...]:
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
 WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth")  # results
+REPORT = b'"loop","verdict",'  # begins the table of a scan: that of the night before may lie among the exports
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
          "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
 
@@ -132,16 +133,18 @@ def command(name: str) -> click.Command:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((path for path in results if results.count(path) > 1), None):
             raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
+        if path := next((path for path in results if path.suffix and not path.parent.is_dir()), None):
+            raise UsageError("cannot write: the folder does not exist", where=f"{path}", remedy="make the folder first")
         if there := [path for path in results if path.is_file()]:
             from ..loaders.sources import find_sidecars, find_sources
 
             inputs = given.get("inputs", ())
             sources = find_sources(inputs) if inputs else []
-            named = [one for name, one in given.items() if name not in WRITTEN and name != "inputs"]
+            named = [one for name, one in given.items() if name not in WRITTEN and one != given.get("save_model")]
             read = [one for one in (*(source.path for source in sources), *find_sidecars(inputs, sources), *named)
                     if isinstance(one, Path) and one.is_file()]
             for path in there:
-                if any(map(path.samefile, read)) and not _may_go(path, given):
+                if any(map(path.samefile, read)) and not path.read_bytes().startswith(REPORT):
                     raise UsageError("this is the export itself, its settings or a model that is read",
                                      where=f"{path}", remedy="choose another")
         return function_of(name)(**given)
@@ -152,12 +155,6 @@ def command(name: str) -> click.Command:
     epilog = "\n  ".join([words.get("epilog", "") + "\b\nExamples:", *words["examples"]])
     return click.Command(name, callback=run, help=words["help"], short_help=words["summary"], epilog=epilog,
                          params=[_parameter(one, own.get(one, {})) for one in [*own, *also]])
-
-
-def _may_go(path: Path, given: Mapping[str, Any]) -> bool:
-    """Say whether a file that is read may be written over: a model that grows, the report of the night before."""
-    with path.open("rb") as file:
-        return path == given.get("save_model") == given.get("model_file") or file.read(17) == b'"loop","verdict",'
 
 
 def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:

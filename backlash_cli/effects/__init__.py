@@ -7,11 +7,10 @@ here, or keep it outside with these and name it `module:NAME`.
 from . import actuator_speed, backlash, curves, loads, process, recording
 from .shape import Effect, Parameter, Stage
 
-EFFECTS: tuple[Effect, ...] = (
-    actuator_speed.RATE_LIMIT, actuator_speed.UNEQUAL_SPEED, backlash.EFFECT, backlash.STICTION, curves.SATURATION,
-    curves.VALVE_CHARACTERISTIC, process.DEAD_TIME, process.SECOND_LAG, process.GAIN_DRIFT,
-    loads.LOAD_STEP, loads.LOAD_DRIFT, loads.EXTERNAL_OSCILLATION, loads.MEASURED_DISTURBANCE, loads.RANDOM_LOAD,
-    backlash.SENSOR_HYSTERESIS, curves.SENSOR_CURVE, loads.MEASUREMENT_NOISE, recording.QUANTIZATION,
+EFFECTS: tuple[Effect, ...] = (actuator_speed.RATE_LIMIT, actuator_speed.UNEQUAL_SPEED, backlash.EFFECT,
+    backlash.STICTION, curves.SATURATION, curves.VALVE_CHARACTERISTIC, process.DEAD_TIME, process.SECOND_LAG,
+    process.GAIN_DRIFT, loads.LOAD_STEP, loads.LOAD_DRIFT, loads.EXTERNAL_OSCILLATION, loads.MEASURED_DISTURBANCE,
+    loads.RANDOM_LOAD, backlash.SENSOR_HYSTERESIS, curves.SENSOR_CURVE, loads.MEASUREMENT_NOISE, recording.QUANTIZATION,
     recording.EXCEPTION_COMPRESSION)
 
 __all__ = ["EFFECTS", "Effect", "Parameter", "Stage"]

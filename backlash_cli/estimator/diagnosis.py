@@ -37,8 +37,6 @@ FORGETS = 0.6  # share of the first peak of the autocorrelation that is left fiv
 NEARLY_SINE, SINE = 0.055, 0.04  # harmonics over the fundamental; noise through a resonance makes no more in ten cycles
 FOLLOWS = 0.5  # swing of the setpoint over that of PV
 PROPORTIONAL = 20.0  # degrees of lag by integral action in a cycle that does not need it; stick-slip has above 27
-KINDS = ("none", "stiction", "backlash_integrating", "tight_nonlinear", "aggressive_tuning", "external", "setpoint",
-         "unclear")
 NOT_TESTED = {"missing_settings", "no_setpoint", "sampling_too_coarse", "short_record"}
 # kinds of oscillation that put the valve under suspicion, with the confidence that it is right to do so: simulated
 # cycles called stiction come from a valve in all of 165 loops; of the other only one recording is known
@@ -46,9 +44,9 @@ VALVE = {"stiction": 0.9, "tight_nonlinear": 0.5}
 
 
 class Diagnosis(Frozen):
-    """What an oscillation looks like. kind: as in `KINDS`. period [s]. d: gap that fits the mean cycle [span], if any.
-
-    grounds: the numbers it rests on. statement: the finding in words, with what the paper's number then means."""
+    """What an oscillation looks like. kind: none, stiction, backlash_integrating, tight_nonlinear, aggressive_tuning,
+    external, setpoint or unclear. period [s]. d: gap that fits the mean cycle [span], if any. grounds: the numbers it
+    rests on. statement: the finding in words, with what the paper's number then means."""
 
     kind: str
     period: float | None

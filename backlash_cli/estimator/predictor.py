@@ -191,7 +191,11 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
     for (i, t), error in zip(taken.items(), missed, strict=True):
         rows = whole[i][t]
         surprises = _surprises(error - np.clip(error, -limit, limit), whole[i], rows)
-        more.append(np.vstack([_just_before(recordings[i], rows), _products(recordings[i], lags, rows), surprises]))
+        # squares and products of PV and OP: a curved valve characteristic, a gain that moves
+        counts = (lags.squares, lags.products, lags.products)
+        products = [means[rows - k] for means, count in zip(recordings[i].means[2:], counts, strict=True)
+                    for k in range(1, count + 1)]
+        more.append(np.vstack([_just_before(recordings[i], rows), np.array(products), surprises]))
     y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
     H = H[np.any(H != 0.0, axis=1)]
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
@@ -213,12 +217,6 @@ def _usable_rows(b: Blocks, lags: Lags) -> NDArray[np.int64]:
     if count <= lags.reach:
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero(bad[lags.reach + 1 :] == bad[: count - lags.reach]) + lags.reach
-
-
-def _products(b: Blocks, lags: Lags, rows: NDArray[np.int64]) -> FloatArray:
-    """Lags of squares and products, (columns, rows): a curved valve characteristic, a gain that moves."""
-    return np.array([means[rows - i] for means, count in zip(b.means[2:], (lags.squares, lags.products, lags.products),
-                                                             strict=True) for i in range(1, count + 1)])
 
 
 def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:

@@ -84,7 +84,8 @@ def to_text(key: str, report: LoopReport) -> bytes:
 
 def from_text(text: bytes) -> tuple[str, LoopReport]:
     """Return what `to_text` was given. Raises ValueError for any other text."""
-    return msgspec.msgpack.decode(base64.b64decode(text), type=tuple[str, LoopReport], dec_hook=_array)
+    return msgspec.msgpack.decode(base64.b64decode(text), type=tuple[str, LoopReport], dec_hook=lambda kind, value: (
+        value if kind is object else np.frombuffer(value[1], value[0])))  # what may be anything stays as it is
 
 
 def _plain(value: Any) -> Any:
@@ -93,8 +94,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} cannot be kept")
-
-
-def _array(kind: type, value: Any) -> Any:
-    """An array from its type and bytes; what may be anything stays as it is."""
-    return value if kind is object else np.frombuffer(value[1], value[0])

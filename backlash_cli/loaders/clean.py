@@ -183,10 +183,13 @@ class _Making:
             return None
         signal = self.joiner.signal(loop.roles[role], role)
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
+        if self.times and np.array_equal(signal.times.micros, self.times.micros):  # perhaps of two files
+            signal = replace(signal, times=self.times)
         if signal.times is not self.times:
             self.notes.append(noted(f"expanded:{self.recipe.options.interpolation or 'hold'}", role=role.upper()))
             own, stamps = signal.times.micros[np.isfinite(signal.values)], self.order.stamps
-            outside = float(np.mean((own < stamps[0]) | (own > stamps[-1]))) if len(own) else 0.0
+            begun = np.max(own[own <= stamps[0]], initial=NAT)  # what holds when PV begins
+            outside = float(np.mean((own < begun) | (own > stamps[-1]))) if len(own) else 0.0
             if outside > 0.02 and self.joiner.only is None:
                 self.notes.append(noted("outside_pv", percent=100 * outside, role=role.upper()))
         values = self._carried_on(signal, role, grid)
@@ -246,7 +249,7 @@ class _Making:
         stamps, values, known = order.stamps, signal.values[rows], np.isfinite(signal.values[rows])
         if not (record := known | signal.bad[rows]).all():  # blank cells are no records
             stamps, values, known = stamps[record], values[record], known[record]
-        few, limit = (self.bridge + 0.5) * grid.step, float("inf")
+        few, limit, points = (self.bridge + 0.5) * grid.step, float("inf"), grid.start + grid.step * grid.index
         steps = np.diff(stamps[known])
         if role == "pv":
             limit = (MAX_HOLE + 1.5) * grid.step
@@ -258,10 +261,10 @@ class _Making:
             limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
         how = self.recipe.options.interpolation or ("linear" if role == "pv" else "hold")
         if how == "linear" and role != "mode":
-            return linear(grid.times, stamps[known], values[known], limit)
+            return linear(points, stamps[known], values[known], limit)
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
         late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
-        return held(grid.times + late, stamps, values, limit, few)
+        return held(points + late, stamps, values, limit, few)
 
 
 def _where_recorded(pv: Signal) -> Signal:

@@ -169,11 +169,6 @@ class Grid(Frozen, eq=False):
     notes: tuple[Note, ...] = ()
 
     @property
-    def times(self) -> IntArray:
-        """(samples,) microseconds since 1970 UTC."""
-        return self.start + self.step * self.index
-
-    @property
     def interval(self) -> float:
         """Seconds between points."""
         return self.step / SECOND

@@ -22,7 +22,7 @@ from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
 _LATER = re.compile("ingest|load|insert|server|enqueue|arriv|receiv|creat|process")  # not when it was measured
-_OPC = frozenset(range(0, 256, 4)) | {216, 219}
+_OPC = frozenset({*range(0, 256, 4), 219})
 
 
 class Head(Frozen):
@@ -290,8 +290,13 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
-    alone = not pairs and any(not tags[i].loop and tags[i].role in SIGNALS for i in signals) and not (  # of one loop
-        len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])
+    loops = {tags[i].role: tags[i].loop for i in signals if tags[i].role in ("sp", "pv", "op")}
+    bare = [i for i in signals if not tags[i].role and "pv" not in loops and tags[i].signal == loops.get("sp")]
+    # Flow Set Point, Flow, Valve Demand: in words and not by a tag
+    in_words = {"sp", "op"} <= loops.keys() and ("pv" in loops or len(bare) == 1) and len({*loops.values()}) > 1 and (
+        len(loops) == sum(tags[i].role in loops for i in signals) and not re.search(r"\d", "".join(loops.values())))
+    alone = not pairs and (in_words or any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)) and not (
+        len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])  # of one loop
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
     by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
@@ -311,6 +316,8 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
                 tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
             if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
                 one = replace(one, loop=owner, role="mode")
+        if alone and in_words and (one.role or i in bare):
+            one = replace(one, loop="", role=one.role or "pv")
         if alone and (head.home or not one.loop or not one.role):
             one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else header)
         found.append(one)

@@ -180,7 +180,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
     if marked := next((encoding for encoding, marks in _MARKS.items() if head.startswith(marks)), ""):
         return marked
     if options.encoding:
-        return options.encoding.lower().replace("utf8", "utf-8")
+        return codecs.lookup(options.encoding).name
     sample = head[:SAMPLE]
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
     for encoding, many, few in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
@@ -317,10 +317,11 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
-    above = [(name, cell.strip()) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell in (
-        *pairwise(row), *(cell.partition(":")[::2] for cell in row))]
+    above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
+             in (*pairwise(row), *(cell.partition(":")[::2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"
-    loop = next((cell for name, cell in above if cell and is_column(name, "loop")), home) or next((
+    loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
+        delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
         found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
     return Head(where, stem, names, (), kinds, title if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
@@ -428,7 +429,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     # one cell too few: nothing stands above row numbers, or above the time of day
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
-            [*row[:unnamed], "", *row[unnamed:]] for row in rows[-8:]]
+            [*row[:unnamed], "", *row[unnamed:]] for row in rows[-24:]]
     best = max(range(len(rows)), key=lambda i: (sum(cell.strip().lower() in options.tags for cell in rows[i]) > 1,
                                                 score_names(rows[i]), len(list(filter(None, rows[i]))), i))
     if "number" in kinds[len(rows[best]) :] and any(rows[best][1::2]):  # a tag above each time has nothing beside it

@@ -12,16 +12,14 @@ TIME_WORDS = ("iso", "ymd", "dmy", "mdy", *WORDS["stamps"]["unit"])
 
 
 class ReadOptions(Frozen):
-    """How to read exports; every `None` means: find it in the file.
-
-    time_format: strptime pattern or one of TIME_WORDS. timezone: IANA name of the zone of stamps without offset.
-    interpolation: "hold" or "linear" for every signal; None: measurement linear, the rest hold. delimiter, decimal,
-    encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252" ...). layout: "wide", "tall", "long" or "pairs".
-    columns: names of the columns of a file without a header line. header_row: number (from 1) of the line that names
-    them. only_loops: names or wildcards, each of which must exist. loops_matching: patterns (`check_pattern`) of which
-    one must fit. sample: "20" or "5%" of those left, drawn by sample_seed. since: a moment or an age (`parse_since`).
-    good_quality, auto_modes: further words or numbers that mean good, or automatic. max_bytes: of a file in memory.
-    tags: in lower case, those that the settings name, which a header holds."""
+    """How to read exports; every `None` means: find it in the file. time_format: strptime pattern or one of TIME_WORDS.
+    timezone: IANA name of the zone of stamps without offset. interpolation: "hold" or "linear" for every signal; None:
+    measurement linear, the rest hold. delimiter, decimal, encoding: of CSV files ("," "tab" ..., "." or ",", "cp1252"
+    ...). layout: "wide", "tall", "long" or "pairs". columns: names of the columns of a file without a header line.
+    header_row: number (from 1) of the line that names them. only_loops: names or wildcards, each of which must exist.
+    loops_matching: patterns (`check_pattern`) of which one must fit. sample: "20" or "5%" of those left, drawn by
+    sample_seed. since: a moment or an age (`parse_since`). good_quality, auto_modes: further words or numbers that mean
+    good, or automatic. max_bytes: of a file in memory. tags: those that the settings name, in lower case."""
 
     time_format: str | None = None
     timezone: str | None = None
@@ -68,8 +66,7 @@ class ReadOptions(Frozen):
                 raise UsageError(**explained("timezone", text=self.timezone, hint=hint), where="--timezone") from None
         if self.header_row is not None and self.header_row < 1:
             raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
-        for pattern in self.loops_matching:
-            check_pattern(pattern)
+        [*map(check_pattern, self.loops_matching)]
         if self.sample is not None:
             sample_size(self.sample, 1)
         if self.since is not None:

@@ -64,11 +64,10 @@ class Plant(Frozen):
 
 def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata | None = None,
          options: ReadOptions | None = None) -> Plant:
-    """Read one plant from exports (files or folders) and its loop settings.
-
-    inputs: CSV, Parquet or Excel files, folders, Parquet datasets; or a table in memory, its columns named as those of
-    a file, with the times in a column or the index. loops: metadata file, or what is in it; None: found next to the
-    data. Raises BacklashError when nothing can be read; a single bad file or loop becomes a failure."""
+    """Read one plant from exports (files or folders) and its loop settings. inputs: CSV, Parquet or Excel files,
+    folders, Parquet datasets; or a table in memory, its columns named as those of a file, with the times in a column or
+    the index. loops: metadata file, or what is in it; None: found next to the data. Raises BacklashError when nothing
+    can be read; a single bad file or loop becomes a failure."""
     if not isinstance(inputs, (str, PathLike, Sequence)):
         with TemporaryDirectory() as folder:
             file = Path(folder, "DataFrame.parquet")
@@ -129,9 +128,8 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
                room: Room | None = None, salt: str | None = None, only: Sequence[Source] | None = None) -> OpenPlant:
-    """Find the loops of exports. taken: called with the bytes of a file that were read. room: memory for samples, the
-    rest goes to a scratch file. salt: what a kept report depends on beside the data. only: those of the files that are
-    to be read. Raises BacklashError."""
+    """Find the loops of exports. taken: called with the bytes that were read. room: memory for samples, the rest is in
+    scratch. salt: what a kept report depends on beside the data. only: the files to be read. Raises BacklashError."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given) if only is None else only
@@ -151,9 +149,9 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
             problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
                 **explained("not_understood", text=text), where=str(source.path))
     if not series:
-        first = next(iter(problems.values()), None)
-        raise first if first is not None and len(sources) == 1 else InputError(
-            f"none of {len(sources)} files could be read; the first: {first}", remedy="export them again")
+        first = next(iter(problems.values()))
+        first.what = f"none of {len(sources)} files could be read; the first: " * (len(sources) > 1) + first.what
+        raise first
     all_loops = by_loop(series, metadata)
     if not all_loops:
         tags = sorted({item.tag for item in series if item.tag}) or ["columns without a name"]

@@ -155,7 +155,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         return loops.setdefault(name, LoopSeries(name))
 
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
-    present = {item.loop for item in series if item.loop} if metadata.loops else set()
+    present = {item.loop for item in series if item.loop and item.role} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
     counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}

@@ -40,11 +40,10 @@ class Source(Frozen):
     def mark(self) -> str:
         """Return what changes when the content of the file does, "" where that cannot be known."""
         try:
-            about: Any = self.path.stat()
+            now: Any = self.path.stat()
         except OSError:
             return ""
-        return about.version if isinstance(self.path, Remote) else (
-            f"{about.st_size} {about.st_mtime_ns} {about.st_ctime_ns}")
+        return now.version if isinstance(self.path, Remote) else f"{now.st_size} {now.st_mtime_ns} {now.st_ctime_ns}"
 
 
 def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
@@ -61,8 +60,7 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
         except (FileNotFoundError, NotADirectoryError):
             raise InputError(**explained("not_found"), where=str(path)) from None
         except (OSError, ValueError) as error:  # too long a name, a zero byte in it
-            problem = getattr(error, "strerror", error)
-            shown = ascii(str(path))[1:-1][:200]
+            problem, shown = getattr(error, "strerror", error), ascii(str(path))[1:-1][:200]
             raise InputError(**explained("cannot_open", problem=problem), where=shown) from None
     return list(found.values())
 

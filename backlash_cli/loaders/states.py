@@ -11,11 +11,9 @@ from ..record import FloatArray, IntArray, Note
 from .cells import Cells
 from .names import WORDS, is_column, noted
 
-_GOOD, _BAD, _DOUBT, _AUTO, _MANUAL = (re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE)
-                                       for kind in ("good", "bad", "doubt", "automatic", "manual"))
-_ONE_IS_BAD = re.compile(r"inv|bad|question|fault", re.IGNORECASE)
-_ONE_IS_MANUAL = re.compile(r"(?:in|is)?man(?:ual)?_?(?:mode|flag|act|active|on)?|hand", re.IGNORECASE)
-_ONE_IS_GOOD = re.compile(r"^(?!.*(?:inv|bad|not|un)).*(?:valid|good|gültig|gueltig)", re.IGNORECASE)
+_GOOD, _BAD, _DOUBT, _AUTO, _MANUAL, _ONE_IS_BAD, _ONE_IS_MANUAL, _ONE_IS_GOOD = (
+    re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE) for kind in (
+        "good", "bad", "doubt", "automatic", "manual", "one_is_bad", "one_is_manual", "one_is_good"))
 
 
 def quality_words(words: list[str], named: str = "") -> bool:

@@ -212,9 +212,8 @@ class ParquetTable:
 
 def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Series], bool], room: Room,
                     taken: Callable[[int], None]) -> tuple[list[Series], list[Note], dict[str, InputError]]:
-    """Return the signals of a file, what was noticed, and which files of an archive cannot be read; a sheet of remarks
-    is passed over. Raises InputError. needed: says whether samples of a signal are. taken: called with the bytes that
-    were read."""
+    """Return the signals of a file, what was noticed, and which files of an archive cannot be read; sheets of remarks
+    are passed over. Raises InputError. needed: says which signals are. taken: called with the bytes that were read."""
     path, stem, kind = source.path, undated(stem_of(source.path.name)), kind_of(source.path)
     if kind == "parquet":
         taken(path.stat().st_size)
@@ -271,7 +270,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
-                           head.start, head.interval) for pair in layout.stamps]
+                           head.start, head.interval, head.decimal == ",") for pair in layout.stamps]
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     further = dict.fromkeys(layout.values, layout.further)

@@ -107,9 +107,10 @@ def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
 
 
 def _whole_or_month(text: str) -> int:
-    """A number, or that of a month's name below zero; -99 for a word that is none."""
+    """A number, or that of a month's name below zero, also of the first letters of one; -99 for a word that is none."""
     word = text.lower().rstrip(".")
-    return int(text) if text.isdigit() else -MONTH.get(word, MONTH.get(word[:3], 99))
+    longer = (number for name, number in MONTH.items() if len(word) > 3 and name.startswith(word))
+    return int(text) if text.isdigit() else -MONTH.get(word, next(longer, MONTH.get(word[:3], 99)))
 
 
 def _minutes_east(zone: str) -> int:
@@ -145,12 +146,12 @@ def _readings(numbers: IntArray) -> dict[str, tuple[IntArray, ...]]:
 
 class StampReader:
     """Takes the stamps of a file block by block. names: of their column, or of those of date and time of day.
-    units: of each that holds a part of them, what part it is. start, interval: as in Head."""
+    units: of each that holds a part of them, what part it is. start, interval: as in Head. comma: numbers have one."""
 
     def __init__(self, names: Sequence[str], options: ReadOptions, where: str, units: Sequence[str] = ("",),
-                 start: int = 0, interval: int = 0) -> None:
+                 start: int = 0, interval: int = 0, comma: bool = False) -> None:
         self.name, self.units, self.options, self.where = " ".join(names), [*units], options, where
-        self.form, self.notes = options.time_format or "", list[Note]()
+        self.form, self.notes, self._comma = options.time_format or "", list[Note](), comma
         self._zones: set[bool | None] = set()  # stamps carry an offset, carry none, or need none
         self._shown = self._shown_open = ""  # a text that is none, and one with an open date
         self._open: dict[int, list[int]] = {}  # open date -> first and last time of day, and number of its texts
@@ -259,6 +260,7 @@ class StampReader:
     def _utc(self, micros: IntArray, zone: tzinfo) -> IntArray:
         """The next rows in UTC; after a step back of half an hour in the doubled hour the second offset holds."""
         known = np.flatnonzero(micros != NAT)
+        known = known[::-1] if 2 * np.count_nonzero(np.diff(micros[known]) < 0) > len(known) else known  # newest first
         if not len(known):
             return micros
         import pandas as pd
@@ -349,7 +351,8 @@ class StampReader:
         best, *others = sorted(jumps, key=lambda kind: jumps[kind]) or [""]
         if best and jumps[best][1] < 3.0 and min(jumps[kind][0] for kind in others) > 5.0 * jumps[best][0]:
             return best
-        if separator == "." and "dmy" in fitting:
+        if "dmy" in fitting and (separator == "." or self._comma):
+            self.notes += [noted("time_format:comma")] * (separator != ".")
             return "dmy"
         if separator in ("/", "-") and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
             self.notes.append(noted("time_format:am_pm"))

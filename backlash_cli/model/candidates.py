@@ -143,9 +143,8 @@ def starts(solver: Solver, shape: Shape, effect: Effect, known: Mapping[str, Val
     problem, sensor = solver.problem, effect.stage == Stage.SENSOR
     if effect.fitting.propose:
         entering = predict(problem, shape, solver.solve(shape)[0]) if sensor else moved_output(problem, shape.parts)
-        values = list(effect.fitting.propose(Clues(
-            entering, problem.measurement, problem.used, problem.interval, shape.lag, problem.duration, known,
-            partial(step_times, solver, shape), partial(periods, solver, shape))))
+        values = list(effect.fitting.propose(Clues(entering, problem.measurement, problem.used, problem.interval,
+            shape.lag, problem.duration, known, partial(step_times, solver, shape), partial(periods, solver, shape))))
     else:
         axes = {q.name: q.choices or q.start or (q.neutral,) for q in effect.parameters if not q.many}
         values = [dict(zip(axes, combination, strict=True)) for combination in product(*axes.values())]

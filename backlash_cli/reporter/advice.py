@@ -31,8 +31,7 @@ def compensation(study: CompensationStudy) -> Report:
         recommended = {"gain": study.recommended, "scheme": "error-sign (9)", "hysteresis": study.hysteresis}
         k = study.controller
         told = ("loop", "output_noise", "load", "reason", "rule_gain", "refusals", "warnings")
-        return {
-            **{name: getattr(study, name) for name in told}, "process": study.process,
+        return {**{name: getattr(study, name) for name in told}, "process": study.process,
             "settings": {"K": k.K, "Ti": k.Ti, "Td": k.Td, "Tf": k.filter_time},
             "dead_band": {"d": study.d, "ci95": study.interval, "source": study.d_source},
             "recommended": None if study.recommended is None else recommended, "trials": study.trials, "advice": ADVICE}

@@ -56,9 +56,8 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
     shaded = [r for r in (fails(regions) or regions) if r.stretches]
     for region, shade in zip(shaded, SHADES, strict=False):  # filled behind the residual, switched by the legend
         ends = [(fig.ms(first), fig.ms(last)) for first, last in region.stretches]
-        lines.append(fig.trace(
-            [x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends), region.region, fig.QUIET,
-            width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=shade,
+        lines.append(fig.trace([x for a, b in ends for x in (a, a, b, b, None)], [0, 1, 1, 0, None] * len(ends),
+            region.region, fig.QUIET, width=0, hover="", hoverinfo="skip", yaxis="y4", fill="tozeroy", fillcolor=shade,
             visible=True if region is shaded[0] else "legendonly"))
     band = 2 * noise_floor * (high - low)
     panels = fig.axis(f"SP, PV [{pv_unit}]", domain=[0.52, 1.0]), fig.axis(

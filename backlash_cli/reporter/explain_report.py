@@ -128,8 +128,7 @@ def to_csv(plant: PlantExplanation) -> str:
 
 def _row(x: Explanation) -> dict[str, Any]:
     before, after, no_gap = x.baseline.rmse_holdout, x.rmse_holdout, valve_reason(x)
-    return {
-        "loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
+    return {"loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,
         "look_alikes": "; ".join(" = ".join(pair) for pair in x.look_alikes), "verdict": sentence("verdict", x),

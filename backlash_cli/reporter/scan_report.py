@@ -31,8 +31,7 @@ _COLOURS = {"bad": "bold red", "warn": "yellow", "good": "green", "quiet": "dim"
 Rule = Callable[[LoopReport], bool]
 
 _RULE = re.compile(r"d\s*(>=|>)\s*(\d+(?:\.\d*)?|\.\d+)\s*(%?)")
-_RULES: dict[str, tuple[Verdict, ...]] = {
-    **{str(v): (v,) for v in Verdict if v is not Verdict.NO_BACKLASH},
+_RULES: dict[str, tuple[Verdict, ...]] = {**{str(v): (v,) for v in Verdict if v is not Verdict.NO_BACKLASH},
     "suspected": (Verdict.BACKLASH, Verdict.SUSPECTED),
     "any": (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.OSCILLATING)}
 

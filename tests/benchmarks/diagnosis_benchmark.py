@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from collections import Counter
 
-from backlash_cli.estimator.diagnosis import KINDS, diagnose
+from backlash_cli.estimator.diagnosis import diagnose
 
 from .cycling_loops import CAUSES, draw
 
@@ -20,6 +20,8 @@ RIGHT = {
     "setpoint": {"setpoint"}, "tight": {"aggressive_tuning"},
 }
 OPEN = {"none", "unclear"}
+KINDS = ("none", "stiction", "backlash_integrating", "tight_nonlinear", "aggressive_tuning", "external", "setpoint",
+         "unclear")
 
 
 def judged(cause: str, kind: str) -> str:

@@ -8,6 +8,8 @@ import io
 import tarfile
 import time
 from datetime import timedelta
+from itertools import chain
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +18,9 @@ import pytest
 
 from backlash_cli.errors import BacklashError, InputError
 from backlash_cli.loaders import ReadOptions, read
-from backlash_cli.loaders.names import split_tag
+from backlash_cli.loaders.names import COLUMNS, plain, split_tag
+from backlash_cli.loaders.names import SIGNALS as SIGNALS_WORDS
+from backlash_cli.loaders.times import read_dates
 from backlash_cli.record import SampleState
 
 from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
@@ -750,3 +754,104 @@ def test_lines_that_only_begin_as_those_that_are_rewritten_are_refused_in_one_me
     rows = [f"/Date({1773791700000 + 1000 * k}?,405,405.5,44.9" for k in range(9)]
     with pytest.raises(InputError):
         read(save(tmp_path, "\n".join(["time,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n"))
+
+
+@pytest.mark.parametrize(("text", "month"), [
+    ("14 juill. 2026", 7), ("14 juil. 2026", 7), ("14 juin 2026", 6), ("3 marraskuu 2026", 11), ("3 mart 2026", 3),
+    ("5 Ocak 2026", 1), ("5 Temmuz 2026", 7), ("1 Sept 2026", 9), ("1 января 2026", 1)])
+def test_a_month_is_what_its_name_begins_like_and_not_its_first_three_letters(text, month):
+    micros, _, _ = read_dates([text])
+    assert micros.astype("M8[us]").astype("M8[M]")[0].item().month == month
+
+
+def test_every_known_name_can_be_met():
+    """Names are compared without blanks, dots and apostrophes."""
+    words = [*" ".join(SIGNALS_WORDS.values()).split(), *chain.from_iterable(COLUMNS.values())]
+    assert [word for word in words if plain(word) != word] == []
+
+
+def test_newest_first_is_the_same_record_also_over_the_doubled_hour(tmp_path):
+    begin = dt.datetime(2025, 10, 25, 22, 30, tzinfo=ZoneInfo("UTC"))
+    stamps = [(begin + timedelta(seconds=20 * k)).astimezone(ZoneInfo("Europe/Berlin")) for k in range(1000)]
+    rows = [f"{t:%Y-%m-%d %H:%M:%S},50,{50 + k % 7},{40 + k % 5}" for k, t in enumerate(stamps)]
+    found = []
+    for order in (rows, rows[::-1]):
+        text = "\n".join(["time,FIC101.SP,FIC101.PV,FIC101.OP", *order]) + "\n"
+        found.append(read(save(tmp_path, text), options=ReadOptions(timezone="Europe/Berlin"))["FIC101"])
+    np.testing.assert_array_equal(found[0].time, found[1].time)
+    np.testing.assert_array_equal(found[0].measurement, found[1].measurement)
+    assert len(found[0]) == 1000 and found[0].time[-1] - found[0].time[0] == 999 * 20
+
+
+def test_files_of_one_tag_with_the_same_stamps_are_rows_of_one_table(tmp_path):
+    text = wide(iso)
+    header, *rows = [line.split(",") for line in text.splitlines()]
+    for column, tag in enumerate(header[1:], 1):
+        lines = [["time", tag], *([row[0], row[column]] for row in rows)]
+        (tmp_path / f"{tag}.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    record = read(tmp_path)["FIC101"]
+    assert "expanded" not in {note.code for note in record.notes}
+    whole = read(save(tmp_path, text))["FIC101"]
+    for name in ("time", "setpoint", "measurement", "output", "state"):
+        np.testing.assert_array_equal(getattr(record, name), getattr(whole, name))
+
+
+def test_a_setpoint_that_holds_since_before_the_record_is_not_left_out(tmp_path):
+    rows = [f"{stamp:%Y-%m-%d %H:%M:%S},FIC101.PV,{50 + k % 7}" for k, stamp in enumerate(STAMPS)]
+    first = f"{STAMPS[0] - timedelta(days=3):%Y-%m-%d %H:%M:%S},FIC101.SP,50"
+    record = read(save(tmp_path, "\n".join(["time,tag,value", first, *rows]) + "\n"))["FIC101"]
+    assert np.all(record.setpoint == record.setpoint[0]) and np.isfinite(record.setpoint[0])
+    assert "outside_pv" not in {note.code for note in record.notes}
+
+
+@pytest.mark.parametrize("names", [
+    "Flow SP,Flow PV,Valve OP", "Flow Setpoint,Flow,Valve", "Temperature setpoint (°C),Temperature (°C),Valve (%)",
+    "Setpoint,Measured Flow,Valve Demand", "Required flow,Actual flow,Valve position",
+    "Consigne débit,Mesure débit,Vanne", "Sollwert Durchfluss,Istwert Durchfluss,Ventil",
+    "Consigna,Medida,Salida válvula (%)"])
+def test_a_loop_named_in_words_is_called_as_its_file(tmp_path, names):
+    header, rest = wide(iso).split("\n", 1)
+    columns = header.split(",")
+    order = [columns.index(f"FIC101.{role}") for role in ("SP", "PV", "OP")]
+    rows = [",".join(np.array(line.split(","))[[0, *order]]) for line in rest.splitlines()]
+    record, = read(save(tmp_path, "\n".join([f"Time,{names}", *rows]) + "\n", "FIC101.csv"))
+    assert record.loop == "FIC101" and record.output is not None and np.isfinite(record.setpoint).all()
+    equals_the_recording(record)
+
+
+def test_two_loops_in_words_stay_two_loops(tmp_path):
+    rows = [f"{stamp:%Y-%m-%d %H:%M:%S},50,{50 + k % 7},40,60,{60 + k % 5},30" for k, stamp in enumerate(STAMPS)]
+    names = "Flow SP,Flow PV,Flow OP,Level SP,Level PV,Level OP"
+    assert {r.loop for r in read(save(tmp_path, "\n".join([f"Time,{names}", *rows]) + "\n"))} == {"Flow", "Level"}
+
+
+def test_beside_numbers_with_a_decimal_comma_the_day_comes_first(tmp_path):
+    """Nobody writes month/day/year beside a decimal comma; it is said, as it may be so all the same."""
+    rows = [f"12/03/2026 06:{k // 60:02}:{k % 60:02};50,0;{50 + k % 7 / 8:.3f};{40 + k % 5 / 8:.3f}".replace(".", ",")
+            for k in range(400)]
+    text = "\n".join(["Time;FIC101.SP;FIC101.PV;FIC101.OP", *rows]) + "\n"
+    record = read(save(tmp_path, text))["FIC101"]
+    assert record.start == dt.datetime(2026, 3, 12, 6, tzinfo=dt.UTC).timestamp()
+    assert any(note.code == "time_format" and "--time-format mdy" in note.message for note in record.notes)
+    month_first = read(save(tmp_path, text), options=ReadOptions(time_format="mdy"))["FIC101"]
+    assert month_first.start == dt.datetime(2026, 12, 3, 6, tzinfo=dt.UTC).timestamp()
+    with pytest.raises(InputError, match="ambiguous"):
+        read(save(tmp_path, text.replace(";", "\t").replace(",", ".")))
+
+
+@pytest.mark.parametrize(("remark", "loop"), [
+    ("# loop FIC101, PI controller", "FIC101"), ("# this loop is in automatic", "plant"),
+    ("# closed loop data, 3 s", "plant")])
+def test_a_remark_on_a_loop_is_no_name(tmp_path, remark, loop):
+    rows = [f"{2 * k} 50 {50 + k % 7} {40 + k % 5}" for k in range(400)]
+    record, = read(save(tmp_path, "\n".join([remark, "# t_s SP PV OP", *rows]) + "\n", "plant.txt"))
+    assert record.loop == loop
+
+
+@pytest.mark.parametrize("change", [
+    lambda text: "".join(f"> {line}\n" for line in text.splitlines()),
+    lambda text: "".join(f"{key}\t{key}\n" for key in ("Name", *(f"Key{k}" for k in range(9))))
+    + text.replace(",", "\t")], ids=["quoted in a mail", "ten lines of keys"])
+def test_what_stands_around_a_table_does_not_hide_it(tmp_path, change):
+    equals_the_recording(read(save(tmp_path, change(wide(iso))))["FIC101"])
