@@ -56,8 +56,7 @@ class Recipe(Frozen):
             yield record if end == ends[-1] else replace(record, notes=())
 
     def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
-        """Return the recipe with its key; without one where a file cannot be known again. marks: what changes when the
-        content of a file does, by its name. common: what else a report depends on."""
+        """Return it with its key, if all files have marks: they change with the content. common: what else matters."""
         parts = [(role, item.tag, item.loop, item.signal, item.axis.where, marks.get(item.axis.where))
                  for role, items in sorted(self.series.roles.items()) for item in items]
         if not all(part[-1] for part in parts):

@@ -329,8 +329,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
 
 
 def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:
-    """The moment [microseconds since 1970] that lines above name, as Start: 2026-04-13 08:00, or Date, Time; the day
-    that the file is called after where a time of day is recorded; or 0."""
+    """The moment [microseconds since 1970] of lines above, as Start, or Date and Time; the day in the name; 0."""
     told = [(plain(name) in COLUMNS["start"], cell) for name, cell in above if is_column(name, "time", "start")]
     days, clocks = ([c for start, c in told if start and (kind(c) == own or (own == "time" and c.isdigit()))] or
                     [c for _, c in told if kind(c) == own] for own in ("time", "clock"))

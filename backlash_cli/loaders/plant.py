@@ -93,8 +93,7 @@ def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata
 
 
 class OpenPlant(Frozen, Mapping[str, Record], eq=False):
-    """Exports whose loops are known and not yet read: a recipe per loop, by name. failures: files that cannot
-    be read; the rest as in Plant. As a mapping it makes the record of a loop each time it is asked for."""
+    """Exports whose loops are known, not read: as a mapping it makes a record each time. failures: files; as Plant."""
 
     recipes: tuple[Recipe, ...]
     warnings: tuple[Note, ...] = ()

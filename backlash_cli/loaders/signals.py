@@ -136,8 +136,8 @@ class LoopSeries:
 
 
 class Signal(Frozen, eq=False):
-    """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) something stood there that is no
-    good measurement. faults: what stood there, counted, by what is wrong and by tag."""
+    """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) what stood there is no good one.
+    faults: counted, by what is wrong and by tag."""
 
     times: Times
     values: FloatArray
@@ -155,8 +155,13 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         return loops.setdefault(name, LoopSeries(name))
 
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
+    signals = defaultdict[str, set[str]](set)  # of a loop, those of its blocks together
+    for item in series:
+        signals[BLOCK.sub("", item.loop)] |= {item.role} - {""}
     present = {item.loop for item in series if item.loop and item.role} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
+    full = {match for name, match in found.items() if len(signals[BLOCK.sub("", name)]) > 1}
+    found = {name: match for name, match in found.items() if len(signals[BLOCK.sub("", name)]) > (match in full)}
     counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     spelt: dict[str, str] = {}

@@ -30,8 +30,7 @@ _PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECAS
 
 
 class Source(Frozen):
-    """One file to read. home: the loop, or the tag, that folders on the way to it name, or "". beside: names of all
-    files in its folder, None where they were not listed."""
+    """One file to read. home: loop or tag that its folders name, or "". beside: all files there, None: not listed."""
 
     path: Path | Remote
     home: str = ""

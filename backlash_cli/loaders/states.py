@@ -97,7 +97,7 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
 
 def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
-    0 is manual, 1 to 3 are not; powers of two from 16 on as in Foundation Fieldbus. name: MAN is 1 in manual."""
+    0 is manual, 1 to 3 are not; powers of two as in DeltaV, where 8 is manual. name: MAN is 1 in manual."""
     texts = [text.strip().lower() for text in cells.texts()[1]] if _ONE_IS_MANUAL.fullmatch(name) else ["auto"]
     if not mode_words(texts):  # MAN may also be what the output is in manual
         flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
@@ -123,7 +123,7 @@ def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, l
         auto = np.isin(values, named or (1.0, 2.0, 3.0))
         notes = [noted("mode_numbers:usual")] if len(distinct) > 1 and not named else []
     elif np.all((distinct == whole) & (whole > 0) & (whole <= 128) & (whole & (whole - 1) == 0)):
-        auto, notes = np.isin(values, (16.0, 32.0, 64.0)), [noted("mode_numbers:fieldbus")]
+        auto, notes = np.isin(values, (16.0, 32.0, 64.0)), [noted("mode_numbers:deltav")]
     else:
         auto, notes = values == 1, [noted("mode_numbers", modes=some([f"{v:g}" for v in distinct], 5))]
     return np.where(present, auto, np.nan), notes

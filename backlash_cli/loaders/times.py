@@ -229,8 +229,7 @@ class StampReader:
         return np.where(known, stamps + np.where(known, clock, 0.0).astype(np.int64), NAT)
 
     def finish(self) -> Callable[[IntArray], IntArray]:
-        """Return what gives the stamps in UTC, to be called for all rows in file order. Raises InputError when there
-        were none, or when day and month cannot be told apart."""
+        """Return what gives UTC, to be called for all rows in file order. Raises InputError for none, or open dates."""
         if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
