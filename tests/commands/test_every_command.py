@@ -86,6 +86,14 @@ def test_what_a_command_reads_is_never_written_over(arguments, tmp_path, monkeyp
     assert {path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == {"is not even read"}
 
 
+@pytest.mark.parametrize("arguments", ["scan P --output no/x.json", "scan P --plot no/x.html", "plan P --output no/x.csv"])
+def test_a_folder_that_does_not_exist_is_told_before_the_work(arguments, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "P").write_text("is not even read")
+    done = run(capfd, *arguments.split())
+    assert done.status == 2 and "the folder does not exist -> make the folder first" in done.err
+
+
 def test_the_report_of_the_night_before_is_written_over_though_it_lies_among_the_exports(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(SAMPLES, tmp_path, dirs_exist_ok=True)

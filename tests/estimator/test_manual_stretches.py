@@ -67,3 +67,11 @@ def test_the_last_tests_of_many_count():
     found = manual_stretches(whole)
     assert len(found) == MOST_TESTS
     assert found[-1].measurement[-1] == pytest.approx(100.0 * whole.measurement[19 * 500 + 3 * HOLD - 1])
+
+
+def test_a_test_without_any_measurement_is_none():
+    whole = record((3000, [0.5, 0.53, 0.5, 0.53]), (6000, [0.5, 0.48, 0.5]))
+    pv = whole.measurement.copy()
+    pv[3000:3400] = np.nan
+    (found,) = manual_stretches(replace(whole, measurement=pv))
+    assert np.count_nonzero(found.usable) == 3 * HOLD

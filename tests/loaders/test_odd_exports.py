@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime as dt
 import gzip
 import io
+import re
 import tarfile
 import time
 from datetime import timedelta
@@ -855,3 +856,14 @@ def test_a_remark_on_a_loop_is_no_name(tmp_path, remark, loop):
     + text.replace(",", "\t")], ids=["quoted in a mail", "ten lines of keys"])
 def test_what_stands_around_a_table_does_not_hide_it(tmp_path, change):
     equals_the_recording(read(save(tmp_path, change(wide(iso))))["FIC101"])
+
+
+def test_settings_of_a_loop_are_those_of_its_block_though_other_tags_stand_below_it(tmp_path):
+    """DeltaV: FIC101/PID1/PV.CV, and GAIN.CV, which is no output."""
+    head, *rows = wide(iso).splitlines()
+    head = re.sub(r"FIC101\.(\w+)", r"FIC101/PID1/\1.CV", head)
+    text = "\n".join([f"{head},FIC101/PID1/GAIN.CV", *(f"{row},0.57" for row in rows)]) + "\n"
+    (tmp_path / "plant.csv").write_text(text)
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    record = read(tmp_path / "plant.csv")["FIC101"]
+    assert record.settings.source["K"] == "metadata" and "not_in_metadata" not in codes(record.notes)
