@@ -7,7 +7,7 @@ import numpy as np
 from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality, heaviest_first
-from .estimator.settings_check import check_settings, contradicts
+from .estimator.settings_check import check_settings, clocks, contradicts
 from .record import Frozen, LoopSettings, Note, Record
 from .words import said
 
@@ -70,4 +70,4 @@ def check_loop(record: Record) -> LoopCheck:
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
     return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
-                     diagnosis if diagnosis.kind != "none" else None, record.notes)
+                     diagnosis if diagnosis.kind != "none" else None, (*record.notes, *clocks(record)))

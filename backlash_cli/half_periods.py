@@ -5,8 +5,7 @@ the record, its end, a gap or a sample that must not be used is incomplete: noth
 block the states of the filters and the open half period are carried, so the cut into blocks does not matter.
 
 Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the estimator's
-own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for a signal held between samples.
-"""
+own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for a signal held between samples."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
 """One loop's recording and its settings; the units of every field are stated here and nowhere else.
 
 Inside the tool time is in seconds and signals are normalised: 0..1 of the span given by `pv_range`
-(setpoint, measurement) and `op_range` (output). `settings/spans.py` makes them so, reporters give them back.
-"""
+(setpoint, measurement) and `op_range` (output). `settings/spans.py` makes them so, reporters give them back."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
-from .estimator.settings_check import check_settings, contradicts, follows
+from .estimator.settings_check import check_settings, clocks, contradicts, follows
 from .estimator.survey import MOST, Survey
 from .estimator.verdict import Findings, decide
 from .half_periods import ErrorScanner
@@ -120,8 +120,8 @@ class LoopScanner:
         if self.options.confirm and self._given and used and not follows(record, settings):
             # a contradiction limits the verdict
             on_settings = tuple(replace(note,
-                values={**note.values, "effect": "limits" if contradicts(note) else "info"})
-                for note in check_settings(settings, identify(record))
+                values={"effect": "limits" if contradicts(note) else "info", **note.values})
+                for note in (*check_settings(settings, identify(record)), *clocks(record))
                 if contradicts(note) or note.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None

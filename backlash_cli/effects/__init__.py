@@ -1,8 +1,7 @@
 """Physical effects, in the order a signal meets them between controller and historian.
 
 To add one: write it in the same shape (`backlash.py` shows it), its sentences and numbers in words.toml, and list it
-here, or keep it outside with these and name it `module:NAME`.
-"""
+here, or keep it outside with these and name it `module:NAME`."""
 
 from . import actuator_speed, backlash, curves, loads, process, recording
 from .shape import Effect, Parameter, Stage

@@ -1,7 +1,6 @@
 """What a fit needs to know about an effect beyond its physics: where to start, what is linear, what it looks like.
 
-A `Fitting` is data, so that a fit never asks for an effect by name and a user's own effect takes part like the rest.
-"""
+A `Fitting` is data, so that a fit never asks for an effect by name and a user's own effect takes part like the rest."""
 
 from collections.abc import Callable, Mapping, Sequence
 

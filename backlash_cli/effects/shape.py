@@ -11,8 +11,7 @@ is compiled once, not once per combination of effects.
 signal that stood at the effect's input for a long time before. A signal is held between samples (zero-order hold);
 where an effect moves inside a sample interval its output sample is the mean over that interval.
 
-At its neutral values an effect returns its input bit for bit, so models nest and "off" needs no class.
-"""
+At its neutral values an effect returns its input bit for bit, so models nest and "off" needs no class."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress

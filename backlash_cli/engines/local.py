@@ -1,8 +1,7 @@
 """Analyse the loops of a plant: one after the other, in several processes of this machine, or on a cluster.
 
 The reports come in the order of the loops wherever the work is done, and a loop that fails, or takes its process down
-with it, becomes a report with verdict `error`; the others go on.
-"""
+with it, becomes a report with verdict `error`; the others go on."""
 
 from __future__ import annotations
 

@@ -3,8 +3,7 @@
 A night leaves its tail (filter states and the open half period) and its head: the samples up to the first end of a half
 period at which the filters have forgotten that they started at rest. The tail of one night run through the head of the
 next gives the half periods that the uncut record would have given; those after it are the same either way. Both nights
-may arrive in any order. Only a night that stays on one side of the setpoint throughout is kept as a whole.
-"""
+may arrive in any order. Only a night that stays on one side of the setpoint throughout is kept as a whole."""
 
 from __future__ import annotations
 

@@ -3,8 +3,7 @@
 One rule for `scan` and `compensate`. With scheme (9) the output jumps by the gain whenever the error changes sign,
 and close to the setpoint noise alone changes it all the time. The valve stays still in its gap as long as the jump
 and the noise on the output together are smaller than the gap: gain + 5 sigma < d (5 sigma: peak to peak of noise over
-a few hundred samples). `python -m tests.benchmarks.compensation_benchmark` prints what the rule reaches.
-"""
+a few hundred samples). `python -m tests.benchmarks.compensation_benchmark` prints what the rule reaches."""
 
 from ..results import Cluster, Compensator, Confirmation
 from ..words import said

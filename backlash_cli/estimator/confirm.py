@@ -8,8 +8,7 @@ to OP and an answer of its own bring, each the mean of the two lengths that show
 forget would gain in its place: a load or a curved valve that is not linear gains for both. It counts near the width
 that explains most in the mean over all lengths: a gap that PV cannot answer, but explains far more, is not proved by
 what a fraction of it explains. Where there is a trace, those two lengths are asked again, with more rows and finer
-widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`.
-"""
+widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar

@@ -2,8 +2,7 @@
 
 The terms of the law (2) are -yf, the integral of (ysp - yf), ysp and -dyf/dt, behind the measurement filter (3). Each
 window of the record has an offset of its own, so only products of what moves inside a window are summed; a fit then
-costs a few numbers a window.
-"""
+costs a few numbers a window."""
 
 from __future__ import annotations
 

@@ -2,8 +2,7 @@
 
 CALLED, SOME and the table CONFIDENCE come from 1,600 loops of plants that share nothing with the model of the test
 (tests/benchmarks/strangers.py; docs/reliability.md): there 2 % of the healthy ones are called. The others
-are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's.
-"""
+are what evidence means: one event is no proof, and a number that the grid or the record made is not the valve's."""
 
 import numpy as np
 

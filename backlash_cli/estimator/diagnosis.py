@@ -9,8 +9,7 @@ a badly damped loop forgets its phase, a source does not.
 
 The limits without a source were chosen on 1200 simulated loops; `python -m tests.benchmarks.diagnosis_benchmark` plays
 fresh ones. The mean cycle needs neither setpoint nor settings, and few samples per Ti. So a valve that makes its loop
-cycle is suspected also where K and Ti are not to be had, or the record is too coarse or too short against Ti.
-"""
+cycle is suspected also where K and Ti are not to be had, or the record is too coarse or too short against Ti."""
 
 from dataclasses import replace
 

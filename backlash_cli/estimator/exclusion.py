@@ -2,8 +2,7 @@
 
 A dead band of L is excluded where gaps of L and more, as far as OP moved enough to tell, would have shown, had PV
 answered them as it answers OP, and where the chance that one hides all the same is small. That chance is calibrated on
-strange plants, a third of whose valves have play (`python -m tests.benchmarks.exclusion` fits it anew).
-"""
+strange plants, a third of whose valves have play (`python -m tests.benchmarks.exclusion` fits it anew)."""
 
 from collections.abc import Sequence
 

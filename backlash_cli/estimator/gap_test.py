@@ -19,8 +19,7 @@ Until OP has covered the gap since a recording began, nobody knows where the ste
 not count, neither for the gap nor against it. In many short recordings of one loop that is much.
 
 Gaps that forget are offered as imitations: shaped alike, but rate dependent, as no valve is. What they gain is what
-the imperfection of the prediction is worth.
-"""
+the imperfection of the prediction is worth."""
 
 from collections.abc import Sequence
 

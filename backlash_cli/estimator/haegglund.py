@@ -2,8 +2,7 @@
 and their tally; and the oscillation detector: many large half periods within a supervision time.
 
 T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control 17 (2007) 489-499; A
-control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551.
-"""
+control-loop performance monitor, Control Engineering Practice 3 (1995) 1543-1551."""
 
 from typing import Any, TypeVar
 

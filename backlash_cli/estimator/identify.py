@@ -7,8 +7,7 @@ settle (filter, scan rate of the controller) widens the intervals.
 
 A record without setpoint: integral action holds the mean of PV at it. With that level in its place a PI or PID
 controller of a loop whose setpoint never moved explains the recorded output almost to the last digit; where the
-setpoint moved, it does not, and nothing is assumed.
-"""
+setpoint moved, it does not, and nothing is assumed."""
 
 from dataclasses import replace
 from math import isfinite

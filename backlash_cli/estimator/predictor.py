@@ -12,8 +12,7 @@ moves with the operating point. Two things make it hold on loads that do not loo
                 dead band, which passes large moves and swallows small ones, would be found in every such loop.
     weights     errors count as Student's t with 4 degrees of freedom, so that single shocks do not rule.
 
-Blocks are regressed on what lies before them only: under feedback OP answers PV, never the other way within a block.
-"""
+Blocks are regressed on what lies before them only: under feedback OP answers PV, never the other way within a block."""
 
 from __future__ import annotations
 

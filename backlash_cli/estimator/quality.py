@@ -1,8 +1,7 @@
 """How good the record of one loop is for the verdict: sampling, gaps, repeats, rounding, compression, manual, motion.
 
 The `values["effect"]` of a note is what it means for the verdict: "info", "limits" (at most "suspected" on this
-evidence alone) or "blocks" ("cannot tell" for this reason).
-"""
+evidence alone) or "blocks" ("cannot tell" for this reason)."""
 
 from collections.abc import Iterable
 from functools import cached_property

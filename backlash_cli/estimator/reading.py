@@ -4,8 +4,7 @@ On top of the publication's gates a half period is refused where the setpoint mo
 it by a third of the estimate (eq. (13) knows of no setpoint), and where its mean error is no larger than noise makes
 it. On 300 simulated loops this took away a quarter of the false clusters and nearly half of the error. Noise that the
 controller passes on to its output walks the valve to and fro across its gap, so that the integral part has less to
-travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre.
-"""
+travel: the estimates (15) fall by about three times its standard deviation, and that is added to their centre."""
 
 from dataclasses import replace
 

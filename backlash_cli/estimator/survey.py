@@ -1,8 +1,7 @@
 """One look at every sample of a loop: counts and ranges of all of them, and the samples themselves, the last ones.
 
 From these come pictures of the record at several time scales: an even choice of stretches, each ROWS rows of the grid
-long, of single samples or of means over 4, 16, 64 and 256 of them.
-"""
+long, of single samples or of means over 4, 16, 64 and 256 of them."""
 
 from collections import deque
 from dataclasses import replace

@@ -1,8 +1,7 @@
 """One verdict from all evidence: PV against OP, the half periods of the error, oscillation, and the record's quality.
 
 PV against OP decides, where it can be tested. The published estimates (15) stand beside it: agreement adds
-confidence, disagreement is said, and neither number is averaged into the other.
-"""
+confidence, disagreement is said, and neither number is averaged into the other."""
 
 from dataclasses import replace
 

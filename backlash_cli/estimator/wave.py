@@ -5,8 +5,7 @@ valve stands still after each reversal, and PV runs straight for that while. The
 time, all searched on a grid; with the first lag far longer than the period it is an integrator. Its gain has the sign
 of the controller's: without that, PV seen through the controller's own law, which is always exact, would pass for a
 process. A sticking valve looks the same as one with a gap here: with the slip jump of Kano's model as well, the cycles
-of 600 simulated loops with and without a jump were explained no better.
-"""
+of 600 simulated loops with and without a jump were explained no better."""
 
 import numpy as np
 from numpy.typing import NDArray

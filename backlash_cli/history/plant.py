@@ -9,8 +9,7 @@ The rule of the order, which valves to pull at the next shutdown and which to le
 5. check loop and data: no night gave an answer (it oscillates, or the export does not allow one).
 Then, inside a group, by the score: dead band expected at the horizon over the limit, times confidence, times a travel
 factor between 0.7 and 1.5 (a valve that moves more wears faster and harms more), the square root of its output travel
-over the plant's median.
-"""
+over the plant's median."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -3,8 +3,7 @@
 Every key is natural (loop and time) and no clock enters, so that the content depends on the scanned data alone: the
 same nights give the same tables in whatever order, and however often, they came. The rollback journal (not WAL) keeps
 the history one single file that also works on a network drive; a killed run leaves a journal that the next one plays
-back, so that either all of a run is in the file or nothing of it.
-"""
+back, so that either all of a run is in the file or nothing of it."""
 
 import contextlib
 import hashlib

@@ -5,8 +5,7 @@ How each kind of night is used:
 - no_backlash with a limit of detection: a bound. One or a few among sizes are nights that missed it; a run of them, too
   long for that, is a repair;
 - anything else (cannot_tell, oscillating, insufficient_data, error, no limit of detection): a gap, named, not a zero.
-The time of a night is the middle of its data; the clock is never asked.
-"""
+The time of a night is the middle of its data; the clock is never asked."""
 
 from collections.abc import Sequence
 from dataclasses import replace

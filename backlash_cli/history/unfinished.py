@@ -3,8 +3,7 @@
 One file per scan (the same inputs and options), `HISTORY.unfinished-...`, gone when the scan has ended well. Every
 process adds a line to its end as soon as it has finished a loop, in one write: what it finished before it was killed is
 there, and a line that was cut short is left out, for it cannot be read. A report is taken over only where its key fits,
-which stands for all that the report is made from.
-"""
+which stands for all that the report is made from."""
 
 import base64
 import contextlib

@@ -237,8 +237,7 @@ class Grid(Frozen, eq=False):
 
 @dataclass(eq=False)
 class Times:
-    """Stamps of rows in memory, with what is found out about them once for all signals of these rows. micros: (rows,)
-    microseconds since 1970 UTC, NAT where unreadable. files, line: as in `ordered`."""
+    """Stamps of rows (micros since 1970 UTC, NAT where unreadable) and their order. files, line: as in `ordered`."""
 
     micros: IntArray
     notes: tuple[Note, ...] = ()

@@ -20,7 +20,7 @@ from ..scratch import Room
 from ..selection import choose, fits, parse_since
 from ..settings import ROLE_KEYS, Metadata, merge
 from .clean import Recipe
-from .grid import NAT
+from .grid import DAY, NAT
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Joiner, LoopSeries, Owners, Series, by_loop, explicit_tags, owners_of
@@ -35,8 +35,7 @@ FEW = 3  # loops of the loops file without data that are named one by one
 
 
 class Plant(Frozen):
-    """All loops of exports. records: one per loop, by name. warnings: about the plant as a whole. failures: loops and
-    files that could not be read; `values` of each has "loop" or "file". inputs: as given."""
+    """All loops of exports, by name. failures: loops and files that could not be read, `values` "loop" or "file"."""
 
     records: tuple[Record, ...]
     warnings: tuple[Note, ...] = ()
@@ -248,7 +247,8 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
     last value before stays. Raises UsageError without times, InputError when no loop is left."""
     given, age = parse_since(when, timezone)
-    last = max(axis.last() for axis in {item.axis for item in found})
+    newest = [np.sort(m[m != NAT])[-4:].tolist() or [NAT] for m in map(Axis.read, {item.axis for item in found})]
+    last = max(max(x for x in top if x - top[0] < 2 * DAY) for top in newest)  # without up to three stray stamps
     if last == NAT:
         raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
     moment = last - age if given is None else given

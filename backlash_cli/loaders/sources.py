@@ -126,7 +126,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
-            with contextlib.suppress(InputError):  # some stores answer "denied" for an object that is not there
+            with contextlib.suppress(InputError, OSError):  # some stores answer "denied" for what is not there
                 if path not in data and (path.name in beside if beside is not None else path.is_file()):
                     return path
         return None

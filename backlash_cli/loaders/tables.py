@@ -53,7 +53,8 @@ class TextTable:
         self.named_again = False  # lines or cells below rows name something
         first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
         if first.num_rows == 0:
-            raise InputError(**explained("no_rows", below=" below the header"), where=self.where)
+            below = " below the header" + "; a quotation mark is not closed" * (text.head.count(b'"') % 2)
+            raise InputError(**explained("no_rows", below=below), where=self.where)
         self.head = replace(self.head, columns=tuple(first.columns))
 
     def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:

@@ -2,8 +2,7 @@
 
 A score test (Rao 1948; Godfrey, Misspecification Tests in Econometrics, 1988): columns that no linear process, no
 dead time and no load can make are whitened as the fit is, freed of what the model's own numbers and any other linear
-answer to OP can explain, and compared with the whitened rest. Noise alone gives chi-squared of one per column.
-"""
+answer to OP can explain, and compared with the whitened rest. Noise alone gives chi-squared of one per column."""
 
 from collections.abc import Iterable
 

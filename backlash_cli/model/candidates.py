@@ -2,8 +2,7 @@
 
 Where in time a load step, or at which period a swing, explains most of what is missed is told by the gain in likelihood
 of one more column. For a step at every possible sample this takes one backward pass per column of the model, because
-<whitened step at k, z> = sum over j >= k of (transposed z)_j.
-"""
+<whitened step at k, z> = sum over j >= k of (transposed z)_j."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -5,8 +5,7 @@ predicted a short time ahead, from OP and from the load as the model's error had
 
 Effects of the recorder say how far a recorded value may be off. A fit through rounded values guesses by the model what
 PV was before, and fits again: expectation and maximisation (Dempster, Laird and Rubin, J. Royal Statistical Society B
-39, 1977). Given the model, the true PV is normal about the prediction, cut off where it would be rounded otherwise.
-"""
+39, 1977). Given the model, the true PV is normal about the prediction, cut off where it would be rounded otherwise."""
 
 from __future__ import annotations
 

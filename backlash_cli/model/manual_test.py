@@ -9,8 +9,7 @@ OP comes from outside, so that PV can be compared with what a whole model of the
 
 with one of some fifty answers (a lag, a second one, dead time, or an integrator beside which PV may drift) and the load
 and noise of `noise.Whitener`. All is the same for d = 0, and the gain in likelihood is evidence: for normal errors and
-for those with long tails, as a load that jumps at the right moment convinces one of the two at most.
-"""
+for those with long tails, as a load that jumps at the right moment convinces one of the two at most."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -2,8 +2,7 @@
 
 w[k+1] = a1 w[k] + v[k],  l[k+1] = a2 l[k] + (1 - a2) w[k],  error[k] = l[k] + e[k],  a = exp(-h/T).
 The Kalman filter of this model whitens the error exactly, with missing samples, so that a likelihood of the
-prediction error holds in closed loop too (Ljung, System Identification, chapter 4; Harvey 1989, chapter 3).
-"""
+prediction error holds in closed loop too (Ljung, System Identification, chapter 4; Harvey 1989, chapter 3)."""
 
 from collections.abc import Callable
 

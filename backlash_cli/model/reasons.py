@@ -1,8 +1,7 @@
 """Reasons in words: why an effect was not taken, what to think of a small gap, why a kept model does not hold.
 
 Each possible reason why a kept model does not hold on another record (another operating point, another process, an
-effect that is gone) is tried by itself on that record and told only where the error falls with it.
-"""
+effect that is gone) is tried by itself on that record and told only where the error falls with it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -2,8 +2,7 @@
 
 Two twins of the loop, one with a dead band of the target's size and one with a healthy valve, both as the record allows
 them. A candidate is played on both, what the historian would keep of it goes behind the record, and the whole is
-scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one.
-"""
+scanned. A rung of a ladder that does not promise enough after a few repeats is left for the next, larger one."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace

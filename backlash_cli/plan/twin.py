@@ -2,8 +2,7 @@
 
 PV = process behind the valve (OP) + upset. The upset, load and noise together, is what the process leaves of the
 record's own PV; it is played again in blocks drawn at random, so that loads that step, swing or wander stay what they
-are. No model of a load is needed.
-"""
+are. No model of a load is needed."""
 
 import contextlib
 from collections.abc import Sequence

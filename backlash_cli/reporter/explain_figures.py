@@ -1,8 +1,7 @@
 """Interactive figures of the workbench, as plain plotly dicts in engineering units; and what an error depends on.
 
 Play and stiction show in the time since OP turned, a curved or stopped valve in the level of OP, a slow actuator in its
-speed, loads in the time of the record, swings from outside in one frequency.
-"""
+speed, loads in the time of the record, swings from outside in one frequency."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

@@ -1,8 +1,7 @@
 """Report pages: one HTML file that holds everything, works from disk and offline, and lets nothing out.
 
 What a page says stands in templates/NAME.html. All text is escaped by the template engine; scripts are allowed by their
-fingerprint only, so markup in a tag name can neither show nor run.
-"""
+fingerprint only, so markup in a tag name can neither show nor run."""
 
 import base64
 import contextlib

@@ -1,8 +1,7 @@
 """Names and texts that come from files, made harmless for terminals, spreadsheets, pictures and file systems.
 
 A tag name is data: it may hold escape sequences, formulas, markup or `../`. Every reporter sends foreign text through
-one of these functions (pages escape by themselves).
-"""
+one of these functions (pages escape by themselves)."""
 
 import hashlib
 import html

@@ -1,8 +1,7 @@
 """The templates of all reports, the words they have in common, and reports for a terminal.
 
 A line of templates/NAME.txt is a paragraph, wrapped and indented as it begins, or as far as `hang`; `style("bold")` in
-front of a line or of a cell colours it; `table` makes a table of its lines, cells parted by |.
-"""
+front of a line or of a cell colours it; `table` makes a table of its lines, cells parted by |."""
 
 import io
 import re

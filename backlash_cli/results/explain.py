@@ -1,8 +1,7 @@
 """What comparing a model with the measurements found, and which physical effects explain the difference.
 
 All errors are root mean squares of measured minus predicted PV, normalised (0.01 = 1 % of the measurement span); times
-are in seconds, those of day in epoch seconds.
-"""
+are in seconds, those of day in epoch seconds."""
 
 from __future__ import annotations
 

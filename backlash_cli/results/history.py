@@ -1,7 +1,6 @@
 """What the history holds and what follows from it: nights, repairs, wear, and the order of repair.
 
-Times are UTC epoch seconds, dead bands in spans of the controller output, slopes in spans per day.
-"""
+Times are UTC epoch seconds, dead bands in spans of the controller output, slopes in spans per day."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import field

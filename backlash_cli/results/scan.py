@@ -1,7 +1,6 @@
 """What a scan found: one LoopReport per loop, with every half period and the reasons behind the verdict.
 
-Times are UTC epoch seconds, signals normalised: a dead band is in spans of the controller output (0.03 = 3 %).
-"""
+Times are UTC epoch seconds, signals normalised: a dead band is in spans of the controller output (0.03 = 3 %)."""
 
 from __future__ import annotations
 

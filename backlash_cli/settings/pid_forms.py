@@ -5,8 +5,7 @@ Series (interacting):      C = K' (1 + 1/(s Ti')) (1 + s Td')
 Parallel (independent):    u = K e + Ki ∫e dt + Kd de/dt
 
 Conversions: Åström and Hägglund, Advanced PID Control (ISA 2006), section 3.2.
-Everything here is on one pair of signals: `units` and spans are handled where a record is scaled.
-"""
+Everything here is on one pair of signals: `units` and spans are handled where a record is scaled."""
 
 import math
 import re

@@ -1,7 +1,6 @@
 """From one loop's record to advice on a backlash compensator: dead band, process, trials of a range of gains, choice.
 
-Noise and loads are those of the record. Advice to a person: nothing here reaches a control system.
-"""
+Noise and loads are those of the record. Advice to a person: nothing here reaches a control system."""
 
 from dataclasses import replace
 

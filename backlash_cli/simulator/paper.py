@@ -2,8 +2,7 @@
 
 T. Haegglund, Automatic on-line estimation of backlash in control loops, J. Process Control 17 (2007) 489-499. Sections
 2 and 3: the integrating process (Figs. 3, 4, 7) and the stable one (Figs. 5, 6, 8, 9). Sections 4 to 6: the estimator
-on Example 2 (Figs. 10, 12 to 15), the default Kp, the industrial cases (Figs. 17 to 19).
-"""
+on Example 2 (Figs. 10, 12 to 15), the default Kp, the industrial cases (Figs. 17 to 19)."""
 
 import math
 import tomllib

@@ -3,8 +3,7 @@
 PV is predicted from OP behind its dead band, both in block means. In closed loop a plain least-squares fit of PV would
 find the controller instead of the process, because loads move PV first and OP follows. So PV and prediction are
 compared through the filter that makes the unexplained part white (prediction error method, consistent in closed loop;
-Ljung, System Identification, 2nd ed., chapter 13), and large shocks count little (Huber 1964).
-"""
+Ljung, System Identification, 2nd ed., chapter 13), and large shocks count little (Huber 1964)."""
 
 from __future__ import annotations
 

@@ -12,8 +12,7 @@
     output = 0.3
     effects = [{ effect = "backlash", d = 0.03 }]
 
-The keys of a table are the fields of what it describes: Scenario, Controller, Process, Compensator, Manual, Signal.
-"""
+The keys of a table are the fields of what it describes: Scenario, Controller, Process, Compensator, Manual, Signal."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, fields, is_dataclass, replace

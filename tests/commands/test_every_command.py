@@ -86,7 +86,8 @@ def test_what_a_command_reads_is_never_written_over(arguments, tmp_path, monkeyp
     assert {path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == {"is not even read"}
 
 
-@pytest.mark.parametrize("arguments", ["scan P --output no/x.json", "scan P --plot no/x.html", "plan P --output no/x.csv"])
+@pytest.mark.parametrize("arguments", ["scan P --output no/x.csv", "scan P --plot no/x.html",
+                                       "plan P --output no/x.csv"])
 def test_a_folder_that_does_not_exist_is_told_before_the_work(arguments, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "P").write_text("is not even read")

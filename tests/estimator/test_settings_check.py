@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.identify import identify
-from backlash_cli.estimator.settings_check import check_settings
+from backlash_cli.estimator.settings_check import check_settings, clocks
 from backlash_cli.record import LoopSettings, Note, record_from_arrays
+from backlash_cli.results import Verdict
+from backlash_cli.scanning import scan
 
 from .closed_loop import Loop, load_steps, run
 
@@ -96,3 +98,45 @@ def test_messages_name_the_mistake_and_the_value_from_the_data() -> None:
     assert "given in minutes?" in note.message and "Ti 28.1" in note.message
     assert note.values["severity"] == "contradict"
     assert note.values["factor"] == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize("loop", [LOOP, Loop(K=0.8, Ti=30.0, Td=8.0), Loop(K=-0.6, Ti=28.0, gain=-1.0)])
+@pytest.mark.parametrize(("late", "told"), [(-70, True), (-25, True), (-1, False), (0, False), (3, False), (120, True)])
+def test_clocks_that_differ_are_told_by_the_noise_that_op_answers(loop: Loop, late: int, told: bool) -> None:
+    """As a brute-force correlation, distance by distance, has it; whatever the load and the valve do."""
+    record = run(loop, 6000, load=load_steps(6000))
+    assert record.output is not None
+    shifted = replace(record, output=np.roll(record.output, late), settings=LoopSettings(K=loop.K, Ti=loop.Ti))
+    record = shifted.slice(130, 5870)
+    assert record.output is not None
+    found = clocks(record)
+    bent = [np.diff(x, 2) for x in (record.measurement, record.output)]
+    plain = {far: np.corrcoef(bent[0][200:-200], np.roll(bent[1], -far)[200:-200])[0, 1] for far in range(-150, 151)}
+    best = max(plain, key=lambda far: -np.sign(loop.K) * plain[far])
+    assert 0 <= best - late <= 2
+    assert [(note.code, note.values["effect"]) for note in found] == [("clocks_differ", "blocks")] * told
+    assert not told or found[0].values["seconds"] == best
+
+
+def test_a_swing_of_few_samples_is_no_difference_of_clocks() -> None:
+    swing = np.sin(np.arange(6000) * 2 * np.pi / 6)
+    noise = 0.05 * np.random.default_rng(0).normal(size=(2, 6000))
+    pv, op = 0.5 + 0.02 * (swing + noise[0]), 0.5 - 0.02 * (np.roll(swing, 12) + noise[1])
+    assert clocks(record_from_arrays(0.5, pv, op, interval=5.0, settings=LoopSettings(K=0.6, Ti=9.0))) == ()
+
+
+def test_without_noise_in_op_nothing_is_said_about_clocks() -> None:
+    record = run(Loop(noise=0.0), 6000, load=load_steps(6000))
+    assert record.output is not None
+    late = replace(record, output=np.roll(record.output, 40), settings=LoopSettings(K=0.6, Ti=20.0))
+    coarse = replace(late, output=np.round(late.output, 2))
+    assert clocks(coarse) == () == clocks(replace(late, output=None)) == clocks(replace(late, settings=LoopSettings()))
+
+
+def test_no_dead_band_is_excluded_from_tags_of_different_clocks() -> None:
+    record = run(replace(LOOP, dead_band=0.05), 12000, load=load_steps(12000))
+    assert record.output is not None
+    early = replace(record, output=np.roll(record.output, -25), settings=LoopSettings(
+        K=0.6, Ti=28.0, Kp=1.0, source={"K": "metadata", "Ti": "metadata"})).slice(0, 11900)
+    report = scan(early)
+    assert report.verdict is Verdict.CANNOT_TELL and report.reasons[0].code == "clocks_differ"

@@ -867,3 +867,16 @@ def test_settings_of_a_loop_are_those_of_its_block_though_other_tags_stand_below
     (tmp_path / "loops.toml").write_text(SETTINGS)
     record = read(tmp_path / "plant.csv")["FIC101"]
     assert record.settings.source["K"] == "metadata" and "not_in_metadata" not in codes(record.notes)
+
+
+def test_a_measurement_outside_its_range_gives_no_verdict(tmp_path):
+    path = save(tmp_path, wide(iso))
+    (tmp_path / "loops.toml").write_text(re.sub(r"pv_range = .*", "pv_range = [600, 900]", SETTINGS))
+    note = next(n for n in read(path)["FIC101"].notes if n.code == "pv_outside")
+    assert note.values["effect"] == "blocks" and "outside pv_range" in note.message
+
+
+def test_an_open_quotation_mark_that_takes_in_all_rows_is_named(tmp_path):
+    head, first, *rows = wide(iso).splitlines()
+    with pytest.raises(InputError, match="a quotation mark is not closed"):
+        read(save(tmp_path, "\n".join([head, first.replace(",", ',"', 1), *rows]) + "\n"))

@@ -104,6 +104,14 @@ def test_since_reads_as_if_the_export_began_there(plant, tmp_path):
     assert [n.code for n in recent.warnings] == ["since"] and str(stamp).replace("T", " ") in recent.warnings[0].message
 
 
+def test_an_age_is_not_counted_from_a_stray_stamp(plant, tmp_path):
+    head, *rows = plant.read_text().splitlines()
+    rows[len(rows) // 2] = "2087-01-01 00:00:00" + rows[len(rows) // 2][19:]
+    (tmp_path / "plant.csv").write_text("\n".join([head, *rows]) + "\n")
+    recent = read(tmp_path / "plant.csv", loops=plant.parent / "plant.loops.toml", options=ReadOptions(since="10min"))
+    assert len(recent["FIC101"]) == 601 and "time_outliers" in {note.code for note in recent["FIC101"].notes}
+
+
 def test_a_loop_without_recent_data_is_counted_and_a_held_setpoint_still_holds(tmp_path):
     rows = ["tag,time,value", "FIC1.SP,2026-03-01 00:00:00,50", "FIC1.SP,2026-03-01 00:00:30,60"]
     for tag, end in (("FIC1.PV", 600), ("FIC1.OP", 600), ("FIC2.PV", 200), ("FIC2.SP", 200)):
