@@ -190,7 +190,7 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
-            effect = {"effect": "blocks"} if kind == "apart" else {}  # not the signals of one loop: no verdict
+            effect = {"effect": "blocks"} if kind in ("apart", "copied") else {}  # not the signals of one loop
             code = "frozen:all" if kind == "frozen" and counts[kind] == samples else _KINDS[kind][1]
             found.append(noted(code, {"samples": float(counts[kind]), **effect}, of=samples))
     return found

@@ -145,7 +145,7 @@ def command(name: str) -> click.Command:
                     if isinstance(one, Path) and one.is_file()]
             for path in there:
                 if any(map(path.samefile, read)) and not path.read_bytes().startswith(REPORT):
-                    raise UsageError("this is the export itself, its settings or a model that is read",
+                    raise UsageError("this is the export itself, or its settings, or a model that is read",
                                      where=f"{path}", remedy="choose another")
         return function_of(name)(**given)
 

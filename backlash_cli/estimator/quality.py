@@ -76,6 +76,7 @@ class Quality(Frozen):
     pv: Storage
     op: Storage | None
     setpoint_moves: float
+    measurement_outside: bool
     measurement_range: float
     output_range: float | None
     output_reversals_per_hour: float | None
@@ -92,6 +93,7 @@ class Quality(Frozen):
 
         say(q.usable_share <= 0.0, "no_usable_data", "blocks")
         say(not notes and q.measurement_range == 0.0, "measurement_constant", "blocks")
+        say(q.measurement_outside, "measurement_outside", "blocks")
         if notes:
             return tuple(notes)
         per_Ti = np.inf if q.samples_per_Ti is None else q.samples_per_Ti
@@ -166,6 +168,7 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         saturated_share=share[SampleState.SATURATED], frozen_share=share[SampleState.FROZEN],
         implausible_share=share[SampleState.IMPLAUSIBLE], pv=stored_as(index, values), op=op,
         setpoint_moves=survey.moves / max(survey.used, 1), measurement_range=of_measurement,
+        measurement_outside=bool(survey.used and (survey.lowest[0] > 1.0 or survey.highest[0] < 0.0)),
         output_range=of_output if op is not None else None, output_reversals_per_hour=turns)
 
 

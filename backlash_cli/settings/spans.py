@@ -24,13 +24,13 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
         if given is not None:
             loop = loop.with_values(loop.source[name], **{name: given})
-            if signals:
-                low, high, of_op = np.fmin.reduce(signals[0]), np.fmax.reduce(signals[0]), name == "op_range"
-                tiny = of_op and given[0] <= low < high <= given[0] + TINY * (given[1] - given[0])
-                wrong = ("op_milliamps" if of_op and current and high < MOST_MA < given[1] else "op_tiny" if tiny else
-                         f"{name[:2]}_outside" if low > given[1] or high < given[0] else "")
+            if name == "op_range" and signals:
+                low, high = np.fmin.reduce(signals[0]), np.fmax.reduce(signals[0])
+                tiny = given[0] <= low < high <= given[0] + TINY * (given[1] - given[0])
+                wrong = ("op_milliamps" if current and high < MOST_MA < given[1] else "op_tiny" if tiny else
+                         "op_outside" if low > given[1] or high < given[0] else "")
                 if wrong:
-                    effect = {"effect": "blocks"} if wrong in ("op_milliamps", "pv_outside") else {}
+                    effect = {"effect": "blocks"} if wrong == "op_milliamps" else {}
                     notes.append(noted(wrong, effect, share=TINY, low=low, high=high, end=given[1]))
             continue
         values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])

@@ -23,6 +23,8 @@ from backlash_cli.loaders.names import COLUMNS, plain, split_tag
 from backlash_cli.loaders.names import SIGNALS as SIGNALS_WORDS
 from backlash_cli.loaders.times import read_dates
 from backlash_cli.record import SampleState
+from backlash_cli.results import Verdict
+from backlash_cli.scanning import scan
 
 from .exports import ROWS, SETTINGS, SIGNALS, STAMPS, arrow, cell, iso, long, wide
 from .test_more_layouts import packed
@@ -872,8 +874,8 @@ def test_settings_of_a_loop_are_those_of_its_block_though_other_tags_stand_below
 def test_a_measurement_outside_its_range_gives_no_verdict(tmp_path):
     path = save(tmp_path, wide(iso))
     (tmp_path / "loops.toml").write_text(re.sub(r"pv_range = .*", "pv_range = [600, 900]", SETTINGS))
-    note = next(n for n in read(path)["FIC101"].notes if n.code == "pv_outside")
-    assert note.values["effect"] == "blocks" and "outside pv_range" in note.message
+    report = scan(read(path)["FIC101"])
+    assert report.verdict is Verdict.CANNOT_TELL and "measurement_outside" in codes(report.reasons)
 
 
 def test_an_open_quotation_mark_that_takes_in_all_rows_is_named(tmp_path):
