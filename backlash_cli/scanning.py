@@ -8,7 +8,7 @@ import numpy as np
 from .estimator.carry import carry_of, pack
 from .estimator.compensator import recommend
 from .estimator.confirm import confirm
-from .estimator.diagnosis import with_oscillation
+from .estimator.diagnosis import repeats, with_oscillation
 from .estimator.haegglund import DEFAULT_KP, INCOMPLETE, detect_oscillation, error_scanner, estimate, tally
 from .estimator.identify import identify, with_constant_setpoint
 from .estimator.manual_stretches import manual_stretches
@@ -159,6 +159,8 @@ class LoopScanner:
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
             oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti)
+            if oscillation[0] > OSCILLATING and not repeats(record):
+                oscillation = 0.0, 0.0
             cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
                                               quality.known_noise)
             cut_off = float(half_periods.dt_s[half_periods.why == INCOMPLETE].sum())

@@ -59,11 +59,22 @@ class Diagnosis(Frozen):
         return Note(f"looks_like_{self.kind}", self.statement, self.grounds)
 
 
+def repeats(record: Record) -> bool:
+    """Say whether the control error repeats itself one period on: else noise, or a load, moves it to and fro."""
+    signals = _longest_stretch(record)
+    return _period(signals[0] - signals[1])[1] >= LEAST_HEIGHT
+
+
+def _period(error: FloatArray) -> tuple[float, float]:
+    """Period of a control error [samples], and its autocorrelation one period on."""
+    return wave.find_period(wave.moving_mean(error, 3)) if len(error) > 3 * LEAST_PERIOD else (0.0, 0.0)
+
+
 def diagnose(record: Record) -> Diagnosis:
     """Say what the oscillation of a loop looks like, from the end of its longest stretch without gaps."""
     signals = _longest_stretch(record)
     error = signals[0] - signals[1]
-    found, height = wave.find_period(wave.moving_mean(error, 3)) if len(error) > 3 * LEAST_PERIOD else (0.0, 0.0)
+    found, height = _period(error)
     if height < LEAST_HEIGHT or found < LEAST_PERIOD:
         return Diagnosis("none", None, {}, said("none"))
     size = max(int(found / FINEST), 1)

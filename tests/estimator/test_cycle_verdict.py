@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from backlash_cli import read
 from backlash_cli.estimator.diagnosis import with_oscillation
-from backlash_cli.record import LoopSettings, Note
+from backlash_cli.record import LoopSettings, Note, record_from_arrays
 from backlash_cli.results import LoopReport, Verdict
 from backlash_cli.scanning import scan
 from tests.benchmarks.cycling_loops import draw
@@ -76,3 +77,14 @@ PUBLISHED = {
 def test_recordings_of_the_stiction_data_base(loop: str) -> None:
     path = shared_data("isdb", f"{loop}.csv")
     assert str(scan(read(path)[loop]).verdict) in PUBLISHED[loop]
+
+
+@pytest.mark.parametrize("memory", [0.0, 10.0, 30.0])
+def test_noise_is_no_oscillation(memory: float) -> None:
+    """White, or of some samples' memory: it crosses the setpoint often enough, but nothing repeats."""
+    rng = np.random.default_rng(round(memory))
+    kept = np.exp(-1.0 / memory) if memory else 0.0
+    pv, op = (0.5 + 0.02 * lfilter([np.sqrt(1 - kept**2)], [1.0, -kept], rng.normal(size=14_400)) for _ in range(2))
+    settings = LoopSettings(K=0.6, Ti=25.0, Kp=1.0, source={"K": "metadata", "Ti": "metadata"})
+    report = scan(record_from_arrays(0.5, pv, op, interval=1.0, settings=settings))
+    assert report.verdict is Verdict.CANNOT_TELL and "oscillation" not in {note.code for note in report.reasons}
