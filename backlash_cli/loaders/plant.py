@@ -147,7 +147,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
             problems[str(source.path)] = error if isinstance(error, BacklashError) else InputError(
                 **explained("not_understood", text=text), where=str(source.path))
     if not series:
-        first = next(iter(problems.values()))
+        first = next(iter(problems.values()), InputError(**explained("no_rows", below=""), where=str(sources[0].path)))
         first.what = f"none of {len(sources)} files could be read; the first: " * (len(sources) > 1) + first.what
         raise first
     all_loops = by_loop(series, metadata)
