@@ -885,7 +885,7 @@ def test_an_open_quotation_mark_that_takes_in_all_rows_is_named(tmp_path):
 
 
 def test_a_table_of_which_nothing_is_left_is_refused_in_one_message(tmp_path):
-    """Every row repeats what stands above it, as a header does that comes again: the real one ran into the first row."""
+    """Every row repeats what stands above it, as a header that comes again; the real one ran into the first row."""
     rows = [f"2026-03-17T23:55:{k},405.00,{410 + k % 9}.5" for k in range(10, 41)]
     text = ["times26-03-17T23:55:07,405.00,417.92", *rows, "2026-03-17tamp,FIC101.SP,FIC101.PV"]
     with pytest.raises(InputError, match="no rows of data"):
