@@ -159,7 +159,7 @@ class LoopScanner:
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
             oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti)
-            if oscillation[0] > OSCILLATING and not repeats(record):
+            if oscillation[0] > OSCILLATING and not repeats(record.slice(-DIAGNOSED, len(record))):
                 oscillation = 0.0, 0.0
             cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
                                               quality.known_noise)

@@ -134,7 +134,10 @@ def command(name: str) -> click.Command:
         if twice := next((path for path in results if results.count(path) > 1), None):
             raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
         if path := next((path for path in results if path.suffix and not path.parent.is_dir()), None):
-            raise UsageError("cannot write: the folder does not exist", where=f"{path}", remedy="make the folder first")
+            from ..words import WORDS
+
+            what, remedy = WORDS["cannot_write"]["ENOENT"]  # as writing would say after the work
+            raise UsageError(f"cannot write: {what}", where=f"{path}", remedy=remedy)
         if there := [path for path in results if path.is_file()]:
             from ..loaders.sources import find_sidecars, find_sources
 
@@ -143,8 +146,10 @@ def command(name: str) -> click.Command:
             named = [one for name, one in given.items() if name not in WRITTEN and one != given.get("save_model")]
             read = [one for one in (*(source.path for source in sources), *find_sidecars(inputs, sources), *named)
                     if isinstance(one, Path) and one.is_file()]
-            for path in there:
-                if any(map(path.samefile, read)) and not path.read_bytes().startswith(REPORT):
+            for path in (path for path in there if any(map(path.samefile, read))):
+                with path.open("rb") as file:
+                    begins = file.read(len(REPORT))
+                if begins != REPORT:
                     raise UsageError("this is the export itself, or its settings, or a model that is read",
                                      where=f"{path}", remedy="choose another")
         return function_of(name)(**given)

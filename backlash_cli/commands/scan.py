@@ -8,7 +8,7 @@ import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,12 +217,12 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
 def _nights(recipes: Sequence[Recipe]) -> list[set[str]]:
     """Return the files of each night: of every loop one that holds its PV, and what else was recorded meanwhile."""
     nights: defaultdict[tuple[int, int], set[str]] = defaultdict(set)  # day of the first stamp, number in this day
+    extent = cache(lambda axis: (axis.first(), axis.last()))  # read once: loops share rows, and so do nights
     for roles in (recipe.series.roles for recipe in recipes):
-        of_pv, count = {item.axis.where: item.axis for item in roles.get("pv", ())}, Counter[int]()
-        for file, axis in sorted(of_pv.items(), key=lambda pair: pair[1].first()):
-            first, last = axis.first(), axis.last()
+        of_pv, count = {item.axis.where: extent(item.axis) for item in roles.get("pv", ())}, Counter[int]()
+        others = [(item.axis.where, *extent(item.axis)) for items in roles.values() for item in items
+                  if item.axis.where not in of_pv]
+        for file, (first, last) in sorted(of_pv.items(), key=lambda pair: pair[1]):
             count[day := first // DAY] += 1
-            nights[day, count[day]] |= {file, *(
-                item.axis.where for items in roles.values() for item in items
-                if item.axis.where not in of_pv and item.axis.first() <= last and item.axis.last() >= first)}
+            nights[day, count[day]] |= {file, *(name for name, begin, end in others if begin <= last and end >= first)}
     return [nights[key] for key in sorted(nights)]

@@ -100,10 +100,9 @@ def clocks(record: Record) -> tuple[Note, ...]:
     last = record.slice(max(len(record) - RECENT, 0), len(record))
     if not last.settings.K or last.output is None or len(last) < RECENT // 64:
         return ()
-    pv, op = (np.diff(x, 2) for x in (last.measurement, last.output))
-    use = last.usable[2:] & last.usable[1:-1] & last.usable[:-2] & (last.index[2:] - last.index[:-2] == 2)
-    kept = use & np.isfinite(pv) & np.isfinite(op)
-    pv, op = np.where(kept, pv, 0.0), np.where(kept, op, 0.0)
+    bent, use = np.diff([last.measurement, last.output], 2), last.usable
+    kept = use[2:] & use[1:-1] & use[:-2] & (last.index[2:] - last.index[:-2] == 2) & np.isfinite(bent).all(0)
+    pv, op = np.where(kept, bent, 0.0)
     middle = slice(max(len(pv) - 1 - FARTHEST, 0), len(pv) + FARTHEST)
     seen = -np.sign(last.settings.K) * correlate(op, pv, method="fft")[middle]
     most, centre = float(seen.max()), min(FARTHEST, len(pv) - 1)

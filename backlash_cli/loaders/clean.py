@@ -182,8 +182,8 @@ class _Making:
             return None
         signal = self.joiner.signal(loop.roles[role], role)
         self.notes += [*signal.notes, *add_faults(self.faults, signal.faults)]
-        if self.times and np.array_equal(signal.times.micros, self.times.micros):  # perhaps of two files
-            signal = replace(signal, times=self.times)
+        if self.times and signal.times is not self.times and np.array_equal(signal.times.micros, self.times.micros):
+            signal = replace(signal, times=self.times)  # rows of two files
         if signal.times is not self.times:
             self.notes.append(noted(f"expanded:{self.recipe.options.interpolation or 'hold'}", role=role.upper()))
             own, stamps = signal.times.micros[np.isfinite(signal.values)], self.order.stamps
