@@ -40,7 +40,8 @@ def test_what_cannot_be_opened_in_a_folder_is_a_failure(capfd, tmp_path):
     write_plant(tmp_path, hours=0.2)
     (tmp_path / "lost.csv").symlink_to(tmp_path / "nowhere.csv")
     done = run(capfd, "scan", tmp_path, "--no-confirm")
-    assert done.status == 3 and "lost.csv: no such file" in done.out and "FIC101" in done.out
+    said = " ".join(done.out.split())  # a long path of the folder breaks the line
+    assert done.status == 3 and "lost.csv: no such file" in said and "FIC101" in said
 
 
 def test_a_file_that_is_no_history_leaves_nothing_behind(capfd, plant, tmp_path):
