@@ -1,8 +1,6 @@
 """Columns of samples, the memory that those of one run may take, and one scratch file for what is beyond. Where it
 can, the file has no name: nothing is left behind when the run is killed."""
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Iterator

@@ -1,12 +1,10 @@
 """Cells of a column: numbers with thousands separators and units, digital states and words for "not a number"."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pyarrow as pa
@@ -53,8 +51,8 @@ class Cells(Frozen, eq=False):
     codes: NDArray[np.int32] | None = None
     lexicon: Lexicon = field(default_factory=Lexicon)
 
-    def __getitem__(self, rows: slice | IntArray) -> Cells:
-        return Cells(self.values[rows], None if self.codes is None else self.codes[rows], self.lexicon)
+    def __getitem__(self, rows: slice | IntArray) -> Self:
+        return replace(self, values=self.values[rows], codes=None if self.codes is None else self.codes[rows])
 
     @cached_property
     def _used(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

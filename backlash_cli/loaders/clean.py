@@ -1,7 +1,5 @@
 """One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 from bisect import bisect_left
@@ -9,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
 from ..samples import MAX_HOLE, held, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
-from .grid import GAP_FACTOR, NAT, SPARSE_SHARE, Grid, Ordered, Times, make_grid
+from .grid import GAP_FACTOR, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
@@ -48,14 +47,22 @@ class Recipe(Frozen):
 
     def chunks(self) -> Iterator[Record]:
         """Yield the record of a long loop in chunks; the notes of the last are those of the whole."""
-        making, axes = _Making(self, Joiner(self.options.good_quality)), _in_turn(self.series.roles["pv"])
+        joiner, axes = Joiner(self.options.good_quality), _in_turn(self.series.roles["pv"])
         begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
         ends = [*begins[1:], axes[-1].last() + 1]
+        # a look at 16 places all over: the first chunk alone does not tell ranges, codes, and what is recorded
+        places = [self.series.changed(lambda axis, k=k: axis.part(  # type: ignore[misc]
+            slice(first := len(axis) * k // 16, first + CHUNK // 100))).roles for k in range(16)]
+        look, joiner.only = _Making(self, joiner), (NAT, ends[-1])
+        with contextlib.suppress(LoopError):
+            look.record(replace(self.series, extra={}, roles={
+                role: [item for roles in places for item in roles.get(role, ())] for role in self.series.roles}))
+        making = _Making(self, joiner, spans=look.spans, recorded=look.recorded)
         for begin, end in zip(begins, ends, strict=True):
             record = making.record(_window(self.series, begin, end), begin, end)
             yield record if end == ends[-1] else replace(record, notes=())
 
-    def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Recipe:
+    def keyed(self, marks: Mapping[str, str], common: tuple[object, ...]) -> Self:
         """Return it with its key, if all files have marks: they change with the content. common: what else matters."""
         parts = [(role, item.tag, item.loop, item.signal, item.axis.where, marks.get(item.axis.where))
                  for role, items in sorted(self.series.roles.items()) for item in items]
@@ -68,7 +75,7 @@ class Recipe(Frozen):
                       sorted(self.series.missing_tags.items()), parts))
         return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
 
-    def packed(self) -> Recipe:
+    def packed(self) -> Self:
         """Return the recipe with its samples, for another machine; columns of Parquet files are read there."""
         columns: dict[Axis, set[str]] = {}
         for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
@@ -83,8 +90,8 @@ class Recipe(Frozen):
 
 @dataclass
 class _Making:
-    """Makes the record of a loop, or chunk after chunk of it, on the grid and with the spans of the first one.
-    recorded: setpoint and output, where it holds some. known, until: stamps of the last chunk with their grid numbers,
+    """Makes the record of a loop, or chunk after chunk of it, on the grid of the first one and with the same spans.
+    recorded: setpoint and output, where there is some. known, until: stamps of the last chunk with their grid numbers,
     and the number of its last sample. carried: setpoint and mode that still hold. times, order, bridge: of PV in this
     chunk, and the longest hole that is filled."""
 
@@ -115,7 +122,7 @@ class _Making:
         if "pv" not in loop.roles:
             there = ", ".join(role.upper() for role in loop.roles)
             raise LoopError(**explained("no_pv", there=there, further=further, loop=loop.name[:40]))
-        settings, first_chunk = settings_of(self.recipe.values), self.grid is None
+        settings = settings_of(self.recipe.values)
         if end is not None:
             self.joiner.only = begin, end
             self.joiner.times.cache_clear()
@@ -130,11 +137,11 @@ class _Making:
         first, last, on_grid = (0, len(grid.index), grid.notes) if end is None else self._own_samples(grid, begin, end)
         self.times, Ti = pv.times, settings.loop.Ti
         # half of Ti is a tenth of the shortest half period that is used
-        self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.interval)))
+        self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.step * SECOND)))
         told = [*pv.notes, *add_faults(self.faults, pv.faults)]
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid, *told]
         measured = self._on_grid(pv, "pv", grid)
-        if first_chunk and not np.isfinite(measured).any():
+        if self.spans is None and not np.isfinite(measured).any():
             why = "".join(f"; {note.message}" for note in told)
             raise LoopError(**explained("no_good_pv" if "quality" in why else "no_pv_number", why=why))
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
@@ -148,20 +155,20 @@ class _Making:
         manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)
         sp, op = (None if values is None else normalised(values, span)
                   for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
-        y, state, marks = judged(grid.index, sp, normalised(measured, scaled.pv_range), op,
-                                 None if grid.recorded is None else ~grid.recorded & np.isfinite(measured), manual,
-                                 self.bridge)
+        between = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
+        y = normalised(measured, scaled.pv_range)
+        y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge)
         self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
                            samples=last - first)
         missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
-                   for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"),
-                                                       ("op", op, "no_output", "no_output:blank")) if values is None]
+                   for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
+                       "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
             ("apart", "copied", "setpoint", "output"), ("manual",))]
-        extra = {name: self._disturbance(items, grid) for name, items in loop.extra.items()}
-        record = Record(loop.name, grid.start / 1e6, grid.interval, grid.index,
-                        np.full(len(y), np.nan) if sp is None else sp, y, op, state, scaled,
-                        {name: values for name, values in extra.items() if values is not None},
+        extra = {name: values for name, items in loop.extra.items()
+                 if (values := self._disturbance(items, grid)) is not None}
+        sp = np.full(len(y), np.nan) if sp is None else sp
+        record = Record(loop.name, grid.start / SECOND, grid.step / SECOND, grid.index, sp, y, op, state, scaled, extra,
                         (*self.notes, *said[0], *missing, *said[1], *on_mode, *said[2]))
         return record if end is None else record.slice(first, last)
 

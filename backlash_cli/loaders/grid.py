@@ -3,11 +3,10 @@ regular: the stamps lie on a grid; rows are put at their grid number, nothing is
 jitter: at least 90 % of the spacings lie within 0.3 to 1.7 of the usual one; values are interpolated to the grid.
 compressed: the historian left rows out (exception, swinging door); values in between are taken as it means them."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,12 +167,7 @@ class Grid(Frozen, eq=False):
     recorded: NDArray[np.bool_] | None = None
     notes: tuple[Note, ...] = ()
 
-    @property
-    def interval(self) -> float:
-        """Seconds between points."""
-        return self.step / SECOND
-
-    def laid(self, order: Ordered, number: int = 0) -> Grid:
+    def laid(self, order: Ordered, number: int = 0) -> Self:
         """Return the grid with its points among stamps. number: of the first stamp on a regular grid."""
         stamps, rows = order.stamps, order.rows
         if self.kind != "regular":
@@ -188,7 +182,7 @@ class Grid(Frozen, eq=False):
             rows = np.insert(own if rows is None else rows, absent, -1)
         return replace(self, index=number - 1 + np.cumsum(advance), rows=rows)
 
-    def _between(self, stamps: IntArray) -> Grid:
+    def _between(self, stamps: IntArray) -> Self:
         """The grid with the points between the first and last stamp of every stretch without a gap."""
         last = (stamps - self.start) // self.step
         first = -((self.start - stamps) // self.step)  # rounded up: no point before the first stamp of a stretch
@@ -221,10 +215,10 @@ class Grid(Frozen, eq=False):
         if self.kind == "jitter":
             variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
             spread = round(max(variance, 0.0) ** 0.5, 9)
-            found.append(noted("resampled", {"interval_s": self.interval, "jitter": spread}, percent=100 * spread))
+            found.append(noted("resampled", {"interval_s": self.step / SECOND, "jitter": spread}, percent=100 * spread))
         elif self.kind == "compressed":
-            share = tally["recorded"] / max(tally["points"], 1.0)
-            values = {"interval_s": self.interval, "recorded_share": share, "median_spacing_s": self.usual / SECOND}
+            share, usual = tally["recorded"] / max(tally["points"], 1.0), self.usual / SECOND
+            values = {"interval_s": self.step / SECOND, "recorded_share": share, "median_spacing_s": usual}
             found.append(noted("compressed", values, percent=100 * share, bridged=self.gap / SECOND))
         if gaps := tally["gaps"]:
             longest = tally["longest"] / SECOND

@@ -57,10 +57,9 @@ class Head(Frozen):
     def times(self) -> list[int]:
         """Columns that hold stamps, numeric ones only when their header says so; of intervals, where they begin."""
         called = [i for i, name in enumerate(self.names) if is_column(name, "time")]
-        found = [i for i, word in enumerate(self.plain) if word not in BOUNDS and not pa.types.is_null(
-            self.columns[i].type) and (self.is_time(i) or (
-                (i in called or self.tags[i].role == "time") and i in self.numbers))] or called[:1] or [
-                    i for i, word in enumerate(self.plain) if word in BOUNDS and self.is_time(i)][:1]
+        sure = [i for i, column in enumerate(self.columns) if not pa.types.is_null(column.type) and (
+            self.is_time(i) or ((i in called or self.tags[i].role == "time") and i in self.numbers))]
+        found = [i for i in sure if self.plain[i] not in BOUNDS] or called[:1] or [*filter(self.is_time, sure)][:1]
         if not found:  # a column that goes on, or back, may count since 1970; one that stands first may count anything
             begun = {i: stored(self.columns[i].slice(0, 200), {})[0] for i in self.numbers if not self.tags[i].role}
             steps = {i: np.diff(values) for i, values in begun.items() if np.isfinite(values).all() and len(values) > 1}
@@ -146,10 +145,9 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(
-        sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
-               key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i)
-               )[:1] if kind == "tall" else ())
+    named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
+                   key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
+    naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
@@ -275,10 +273,9 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
         of_loop = owners.get((tag.of, "pv"), -1) if head.marks(i) or re.search("bad|qual|valid", head.plain[i]) else -1
         owner = -1 if tag.role != "quality" else head.names.index(tag.of) if tag.of in head.names else owners.get(
             (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
-        if owner < 0 and before in there and before not in alike and (
-                not tag.of or head.tags[before].loop == tag.loop) and (
-                tag.role == "quality" or is_column(head.names[i], "quality")
-                or (not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
+        own = not tag.of or (before in there and head.tags[before].loop == tag.loop)
+        if owner < 0 and own and before in there and before not in alike and (tag.role == "quality" or is_column(
+                head.names[i], "quality") or (not tag.role and {i, before} & {*head.texts} == {i} and head.marks(i))):
             owner = before
         if owner >= 0:
             quality[owner] = (*quality.get(owner, ()), i)

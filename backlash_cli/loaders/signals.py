@@ -1,12 +1,10 @@
 """Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,13 +79,13 @@ class Axis(Frozen, eq=False):
         """Return the last stamp, NAT if there is none."""
         return max((int(piece.max()) for piece in self.pieces()), default=NAT)
 
-    def part(self, chosen: slice | IntArray) -> Axis:
+    def part(self, chosen: slice | IntArray) -> Self:
         if isinstance(chosen, slice):
             line = self.first_line and self.first_line + int(chosen.start or 0)
             return replace(self, which=self.which[chosen], first_line=line)
         return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
 
-    def packed(self, columns: Iterable[str]) -> Axis:
+    def packed(self, columns: Iterable[str]) -> Self:
         """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
         if not isinstance(self.rows, Store):
             return self
@@ -127,7 +125,7 @@ class LoopSeries:
     extra: dict[str, list[Series]] = field(default_factory=dict)
     missing_tags: dict[str, str] = field(default_factory=dict)
 
-    def changed(self, change: Callable[[Axis], Axis]) -> LoopSeries:
+    def changed(self, change: Callable[[Axis], Axis]) -> Self:
         """Return it with other rows in the place of its own, also shared ones; without signals that have none left."""
         once = cache(change)
         roles, extra = ({name: there for name, items in signals.items() if (there := [replace(item, axis=axis)

@@ -1,7 +1,5 @@
 """What the command line names: files, folders, datasets, addresses, and the sidecars beside them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

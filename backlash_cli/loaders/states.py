@@ -1,6 +1,7 @@
 """What columns of qualities and of controller modes say of samples."""
 
 import re
+from statistics import median_low
 from typing import Any
 
 import numpy as np
@@ -80,7 +81,8 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
     known = values[np.isfinite(values)]
     low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
-    usual = seen.setdefault("usual", float(np.median(known)))
+    seen["usual"] = [*seen.get("usual", ()), float(np.median(known))]
+    usual = median_low(seen["usual"])
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
     if high >= 128:

@@ -140,6 +140,11 @@ def open_parquet(path: Any) -> pa_parquet.ParquetFile:
         raise _damaged(str(error), path) from None
 
 
+@lru_cache(2)  # stamps and cells of the rows that are read next
+def _cells_of(file: pa_parquet.ParquetFile, group: int, name: str) -> list[pa.Array]:
+    return file.read_row_group(group, columns=[name], use_threads=False).flatten().column(0).chunks
+
+
 def _damaged(problem: str, path: Any) -> InputError:
     problem = problem.strip().split("\n")[0][:200]
     return InputError(**explained("damaged", kind="Parquet", problem=problem), where=str(path))
@@ -196,11 +201,10 @@ class ParquetTable:
 
     def _column(self, at: int, first: int, last: int) -> pa.ChunkedArray:
         name, ends = self._names[at], self._ends
-        groups = range(bisect_right(ends, first), bisect_right(ends, last - 1) + 1)
-        begin = ends[groups[0] - 1] if groups and groups[0] else 0
+        groups = range(bisect_right(ends[:-1], first), bisect_right(ends[:-1], last - 1) + 1)
+        begin = ends[groups[0] - 1] if groups[0] else 0
         try:
-            column = open_parquet(self.path).read_row_groups(list(groups), columns=[name], use_threads=False).flatten(
-                ).column(0)
+            column = pa.chunked_array(chain(*(_cells_of(open_parquet(self.path), k, name) for k in groups)))
         except (pa.ArrowException, OSError) as error:
             raise _damaged(str(error), self.path) from None
         if len(column := column.slice(first - begin, last - first)) == last - first:
@@ -323,9 +327,9 @@ def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, i
     """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
     header = "\0".join(head.names[i].strip() for i in naming)
     keys = batch[naming[0]]
-    codes, words = codes_and_words(
-        keys.cast(pa.int64(), safe=False) if pa.types.is_floating(keys.type) else keys if len(naming) == 1 else
+    keys = keys.cast(pa.int64(), safe=False) if pa.types.is_floating(keys.type) else keys if len(naming) == 1 else (
         pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "\0"))
+    codes, words = codes_and_words(keys)
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
         if (name := in_labels(words[i].strip())) and name != header:
@@ -353,18 +357,18 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
         nameless += int(np.count_nonzero((piece["group"][:] < 0) & (micros != NAT)))
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
     notes += [noted("no_tag", rows=nameless)] if nameless else []
+    axis = replace(axis, rows=grouped, first_line=0, notes=(*axis.notes, *notes))
     modes = [] if any(tag.role == "mode" for tag in head.tags) else [  # status: AUTO, MANUAL
         i for i in layout.values if i in head.texts and mode_words(head.words(i))]
     found, unread = [], {*blank, *chain(*layout.quality.values())}
     for number, tag in enumerate(tags):
         if count := int(grouped.rows(number).sum()):
-            own = replace(axis, rows=grouped, which=range(count), group=number, first_line=0,
-                          notes=(*axis.notes, *notes))
-            found += [replace(one, axis=own) for one in (
-                [replace(of_tag(head, layout, f"{tag}.{head.names[i]}", i), loop=tag, signal=head.names[i],
-                         role="mode" if i in modes else signal_role(head.names[i]))
-                 for i in layout.values if i not in unread] if tall else
-                [of_tag(head, layout, f"{head.stem}.{tag}" if signal_role(tag) else tag, layout.values[0])])]
+            own = replace(axis, which=range(count), group=number)
+            for i in (i for i in layout.values if not tall or i not in unread):
+                name = f"{tag}.{head.names[i]}" if tall else f"{head.stem}.{tag}" if signal_role(tag) else tag
+                one, role = of_tag(head, layout, name, i), "mode" if i in modes else signal_role(head.names[i])
+                one = replace(one, loop=tag, signal=head.names[i], role=role) if tall else one
+                found.append(replace(one, axis=own))
     return found
 
 

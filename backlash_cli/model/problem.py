@@ -7,8 +7,6 @@ the loop answers to its load, OP is a mirror of that load: there a wrong model w
 Whether the valve got OP as the historian rounded it or as it was before is not known beforehand: a search tries both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field, replace
 from typing import Any

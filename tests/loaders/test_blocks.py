@@ -235,6 +235,7 @@ CHANGES = {
     "mostly blank OP": {"OP": put(100, 4000, np.nan)}, "no output": {"OP": put(0, None, np.nan)},
     "frozen": {"PV": put(600, 2800, 0.5)}, "frozen at the end": {"PV": put(5000, None, 0.5)},
     "frozen for a while": {"PV": lambda x: put(690, 760, 0.5)(noisy(x))},
+    "late": {"SP": put(0, 1900, np.nan), "OP": put(0, 1900, np.nan)}, "late PV": {"PV": put(0, 1900, np.nan)},
     "spike": {"PV": put(50, 51, 7.0)}, "spikes": {"PV": put(695, 705, 7.0)}, "far outside": {"PV": put(0, 5000, 7.0)},
 }
 
@@ -267,11 +268,13 @@ def test_chunks_put_together_are_the_record(tmp_path, monkeypatch, suffix, name)
         assert {n.code: n.message for n in parts[-1].notes} == {n.code: n.message for n in whole.notes}
 
 
-def test_what_is_recorded_seldom_holds_from_chunk_to_chunk(tmp_path, monkeypatch):
-    """A setpoint and a mode written on change; a status of 0 and 1 that is bad for most of a later chunk."""
+@pytest.mark.parametrize("bad, codes", [((3000, 4300), [1, 0]), ((-1, 1200), [7, 3])])
+def test_what_is_recorded_seldom_holds_from_chunk_to_chunk(tmp_path, monkeypatch, bad, codes):
+    """A setpoint and a mode written on change; a status of 0 and 1 that is bad for most of a later chunk, and one whose
+    code is another in the first chunk than in all others."""
     record = records()[0]
     rows = len(record)
-    status = np.where((np.arange(rows) > 3000) & (np.arange(rows) < 4300), 0, 1)
+    status = np.where((np.arange(rows) > bad[0]) & (np.arange(rows) < bad[1]), codes[1], codes[0])
     mode, setpoint = np.full(rows, ""), np.full(rows, "")
     mode[[0, 2000, 5500]] = ["AUTO", "MAN", "AUTO"]
     setpoint[[0, 2500]] = ["0.5", "0.6"]

@@ -29,7 +29,7 @@ def codes(thing) -> list[str]:
 def test_uniform_stamps_need_nothing():
     order = ordered(stamps(np.arange(100)))
     grid = make_grid(order)
-    assert order.rows is None and grid.rows is None and grid.interval == 1.0 and not grid.notes
+    assert order.rows is None and grid.rows is None and grid.step == 1_000_000 and not grid.notes
 
 
 def test_short_holes_get_rows_and_gaps_jump():
@@ -101,7 +101,7 @@ def test_stamps_to_the_minute_are_spread():
     order = ordered(stamps(seconds // 60 * 60), np.random.default_rng(0).standard_normal(1200))
     assert codes(order) == ["coarse_stamps"]
     grid = make_grid(order)
-    assert grid.interval == 1.0 and np.array_equal(grid.index, np.arange(1200))
+    assert grid.step == 1_000_000 and np.array_equal(grid.index, np.arange(1200))
     assert grid.start == T0 + 37 * SECOND
 
 
@@ -118,20 +118,20 @@ def test_jitter_is_resampled(reach, absent):
     seconds = np.sort(np.arange(2000) + rng.uniform(-reach, reach, 2000))
     seconds = np.delete(seconds, rng.choice(2000, absent, replace=False))
     grid = make_grid(ordered(stamps(seconds)))
-    assert grid.kind == "jitter" and grid.interval == 1.0 and codes(grid) == ["resampled"]
+    assert grid.kind == "jitter" and grid.step == 1_000_000 and codes(grid) == ["resampled"]
     assert np.array_equal(grid.index, np.arange(len(grid.index)))
     assert abs(len(grid.index) - 2000) <= 2
 
 
 def test_slow_drift_of_the_scan_time_keeps_the_clock():
     grid = make_grid(ordered(stamps(np.arange(20_000) * 1.0003 + 0.002 * np.sin(np.arange(20_000)))))
-    assert grid.interval == 1.0
+    assert grid.step == 1_000_000
     assert abs(grid.index[-1] - 20_000 * 1.0003) <= 2
 
 
 def test_scan_time_that_is_no_round_number():
     grid = make_grid(ordered(stamps(np.round(np.arange(5000) * 2.4))))
-    assert grid.interval == pytest.approx(2.4)
+    assert grid.step == pytest.approx(2_400_000)
     assert grid.kind == "jitter"
 
 
@@ -139,7 +139,7 @@ def test_compressed_recording():
     rng = np.random.default_rng(4)
     seconds = np.cumsum(rng.geometric(0.2, 1500))
     grid = make_grid(ordered(stamps(seconds)))
-    assert grid.kind == "compressed" and grid.interval == 1.0
+    assert grid.kind == "compressed" and grid.step == 1_000_000
     assert grid.recorded.mean() == pytest.approx(0.2, abs=0.03)
     seconds[700:] += 7200
     assert "gaps" in codes(make_grid(ordered(stamps(seconds))))
