@@ -184,9 +184,13 @@ def record_from_arrays(setpoint: object, measurement: object, output: object | N
     for name, values in {"output": op, **extra}.items():
         if values is not None and values.shape != pv.shape:
             raise ValueError(f"{name} has {values.shape} samples, measurement has {pv.shape}")
-    K, Ti = (settings.K, settings.Ti) if settings else (None, None)
-    if not 0.0 < interval < np.inf or not (K is None or abs(K) > 0.0) or not (Ti is None or 0.0 < Ti < np.inf):
-        raise ValueError(f"interval {interval}, K {K}, Ti {Ti}: seconds above 0 are needed, and a gain other than 0")
+    if pv.ndim != 1:
+        raise ValueError(f"measurement has {pv.ndim} dimensions: one array per loop is needed")
+    own = settings or LoopSettings()
+    if not all(0.0 < time < np.inf for time in (interval, own.Ti) if time is not None) or not own.Td >= 0.0 or not all(
+            abs(gain) > 0.0 for gain in (own.K, own.Kp) if gain is not None):
+        raise ValueError(f"interval {interval}, K {own.K}, Ti {own.Ti}, Td {own.Td}, Kp {own.Kp}: seconds above 0 are "
+                         "needed (Td may be 0), and gains other than 0")
     middle = {name: float(np.median(x[np.isfinite(x)])) for name, x in {"measurement": pv, "output": op}.items()
               if x is not None and np.isfinite(x).any()}
     notes = tuple(Note("not_in_spans", f"{name} is {value:.4g} in the middle: sizes and limits are right for parts of "
@@ -196,4 +200,4 @@ def record_from_arrays(setpoint: object, measurement: object, output: object | N
         bad |= ~np.isfinite(op)
     state = np.where(bad, SampleState.MISSING, SampleState.GOOD).astype(np.uint8)
     index = np.arange(len(pv), dtype=np.int64)
-    return Record(loop, start, interval, index, sp, pv, op, state, settings or LoopSettings(), extra, notes)
+    return Record(loop, start, interval, index, sp, pv, op, state, own, extra, notes)

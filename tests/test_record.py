@@ -34,7 +34,9 @@ def test_what_holds_arrays_is_only_equal_to_itself():
 
 @pytest.mark.parametrize(("change", "words"), [
     ({"interval": 0.0}, "interval 0"), ({"interval": float("nan")}, "interval nan"),
-    ({"output": np.zeros(8)}, "output has"),
+    ({"output": np.zeros(8)}, "output has"), ({"measurement": np.full((9, 2), 0.4)}, "2 dimensions"),
+    ({"settings": LoopSettings(Kp=0.0)}, "Kp 0"), ({"settings": LoopSettings(Td=-1.0)}, "Td -1"),
+    ({"settings": LoopSettings(K=float("nan"))}, "K nan"),
     ({"settings": LoopSettings(K=0.0)}, "K 0"), ({"settings": LoopSettings(K=1.0, Ti=-3.0)}, "Ti -3")])
 def test_arrays_that_make_no_record_are_refused(change, words):
     with pytest.raises(ValueError, match=words):

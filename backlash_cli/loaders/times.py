@@ -4,7 +4,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 import re
 from collections.abc import Callable, Sequence
 from datetime import timedelta, timezone, tzinfo
-from functools import lru_cache, reduce
+from functools import reduce
 from zoneinfo import ZoneInfo, available_timezones
 
 import numpy as np
@@ -56,7 +56,6 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     return micros, zoned, of_day
 
 
-@lru_cache(1 << 14)
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
     text = re.sub(_NO_DATE, "", text)
