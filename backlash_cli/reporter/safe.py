@@ -26,11 +26,12 @@ def terminal(text: object, limit: int = 2000) -> str:
     >>> terminal("FIC\\n101\\x1b[31m")
     'FIC\\\\n101\\\\e[31m'
     """
-    return shorten(_visible(str(text)), limit)
+    return shorten(visible(str(text)), limit)
 
 
-def _visible(text: str, kept: str = "") -> str:
-    """Control characters, invisible format and direction marks, surrogates and line separators spelled out."""
+def visible(text: str, kept: str = "") -> str:
+    """Return `text` with control characters, invisible format and direction marks, surrogates and line separators
+    spelled out, but for those that are `kept`."""
     return text if text.isprintable() else "".join(
         c if c in kept or c.isprintable() or unicodedata.category(c) == "Zs" else
         _NAMED.get(c) or (f"\\x{ord(c):02x}" if ord(c) < 256 else f"\\u{ord(c):04x}") for c in text)
@@ -48,7 +49,7 @@ def clip(text: object, limit: int) -> str:
     >>> clip("any dead band would look the same", 20)
     'any dead band …'
     """
-    shown = _visible(str(text))
+    shown = visible(str(text))
     kept = shown[: limit - 1]
     return shown if len(shown) <= limit else kept[: kept.rfind(" ") + 1 or None] + "…"
 
@@ -61,7 +62,7 @@ def spreadsheet(value: object) -> object:
     """
     if not isinstance(value, str):
         return value
-    cleaned = _visible(value, kept="\t\r\n")
+    cleaned = visible(value, kept="\t\r\n")
     return "'" + cleaned if cleaned.lstrip(" \u00a0\u3000").startswith(_FORMULA) else cleaned
 
 

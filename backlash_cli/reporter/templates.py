@@ -30,11 +30,12 @@ def environment(kind: str) -> jinja2.Environment:
     the environment "words", in which everything is left as it is."""
     def shown(value: Any) -> Any:
         # | parts the cells of a table on a terminal; terminal() lets nothing through that stands for it here
-        return value if isinstance(value, Markup) else Markup(safe.terminal(value).replace("|", "\ue000"))
+        return value if isinstance(value, Markup) else safe.visible(str(value), "\n\t") if kind == "html" else Markup(
+            safe.terminal(value).replace("|", "\ue000"))
 
     made = jinja2.Environment(
         loader=jinja2.PackageLoader("backlash_cli.reporter"), autoescape=kind != "words", trim_blocks=True,
-        lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=shown if kind == "txt" else None)
+        lstrip_blocks=True, undefined=jinja2.StrictUndefined, finalize=None if kind == "words" else shown)
     known = {name: value for module in (words, safe, record) for name, value in vars(module).items()
              if name.isupper() or (callable(value) and value.__module__.startswith("backlash_cli"))}
     made.globals |= known
