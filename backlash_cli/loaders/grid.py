@@ -210,7 +210,7 @@ class Grid(Frozen, eq=False):
                            "near": len(near), "sum": near.sum(), "squares": near @ near,
                            "recorded": np.sum(points), "points": np.size(points)}.items():
             tally[name] += float(more)
-        odd = self.start // DAY != 0 and self.start not in LIKELY  # 1970-01-01: without a date
+        odd = self.start // DAY not in (-1, 0) and self.start not in LIKELY  # 1970-01-01: without a date
         found = [noted("unlikely_dates", begin=utc_text(self.start))] if odd else []
         if self.kind == "jitter":
             variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2

@@ -291,7 +291,9 @@ class StampReader:
             self.notes.append(noted("day_above" if self._start else "relative_time:of_day", start=self._from))
         known, out = np.flatnonzero(micros != NAT), micros.copy()
         last = self._of_day or self._start // DAY * DAY or int(micros[known[:1]].sum())
-        out[known] += (last // DAY + np.cumsum(np.diff(micros[known], prepend=last % DAY) < -DAY // 2)) * DAY
+        steps = np.diff(micros[known], prepend=last % DAY)
+        forward = 2 * np.count_nonzero(steps < 0) <= len(steps)  # else the newest stand first
+        out[known] += (last // DAY + np.cumsum(steps < -DAY // 2 if forward else -1 * (steps > DAY // 2))) * DAY
         self._zones |= {False if self._start else None} if len(known) else set()
         self._of_day = int(out[known[-1]]) if len(known) else last
         return out

@@ -244,6 +244,16 @@ def test_a_day_above_that_may_be_another_is_not_taken(tmp_path, above):
         note.code for note in plant.warnings} or any("1970" in n.message for record in plant for n in record.notes)
 
 
+def test_times_of_day_over_midnight_newest_first(tmp_path):
+    head, *rows = wide(lambda t: f"{t:%H:%M:%S}", time_name="Time").splitlines()
+    for name, lines in {"oldest": rows, "newest": rows[::-1]}.items():
+        (tmp_path / f"{name}.csv").write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+    assert rows[0].startswith("23:55") and not rows[-1].startswith("23")
+    for one, other in zip(read(tmp_path / "oldest.csv"), read(tmp_path / "newest.csv"), strict=True):
+        assert np.array_equal(one.measurement, other.measurement) and np.array_equal(one.index, other.index)
+        assert {note.code for note in other.notes} - {note.code for note in one.notes} == {"unsorted"}
+
+
 def test_an_export_may_be_called_as_settings_are(tmp_path):
     (tmp_path / "loops.csv").write_text(wide(), encoding="utf-8")
     plant = read(tmp_path / "loops.csv")
