@@ -36,10 +36,9 @@ class Commands(click.Group):
         return super().resolve_command(ctx, args)
 
 
-@click.group(
-    cls=Commands, epilog="Example: backlash scan sample_data/plant.csv",
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-    commands=[command(name) for name, words in PAGE.items() if "module" in words])
+@click.group(cls=Commands, epilog="Example: backlash scan sample_data/plant.csv", context_settings={
+    "help_option_names": ["-h", "--help"], "max_content_width": 100}, commands=[
+        command(name) for name, words in PAGE.items() if "module" in words])
 @click.version_option(__version__, prog_name="backlash")
 def cli() -> None:
     """Find play (dead band) in control valves from historian exports."""

@@ -238,9 +238,8 @@ def whiten_transposed(z: NDArray[Any], a1: float, a2: float, gain: NDArray[Any],
 
 
 @compiled
-def pid(
-    state: Any, p: Any, setpoint: float, measurement: float, feedforward: float, by_hand: bool, hand: float
-) -> float:
+def pid(state: Any, p: Any, setpoint: float, measurement: float, feedforward: float, by_hand: bool, hand: float
+        ) -> float:
     """One controller sample: returns the feedback part; state: [x1, yf, s1, sf, integral, error, output].
 
     The new sample counts as the mean over the interval before it. Away from automatic the integral part follows,
@@ -297,12 +296,10 @@ def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
     FLOATS, FLAGS, FLOATS, numba.types.float64, numba.types.float64, numba.types.float64, MATRIX,
     returns=numba.types.int64,
 )  # fmt: skip
-def closed_loop(
-    steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any,
-    decay: Any, newer: Any, older: Any, readout: Any, line: Any,
-    pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any, every: int,
-    setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float, out: Any,
-) -> int:
+def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any, decay: Any, newer: Any,
+                older: Any, readout: Any, line: Any, pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any,
+                every: int, setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float, out: Any
+                ) -> int:
     """Run the loop; fills out (5, samples): measurement, output, valve position, process output, filtered error.
 
     ends: [n valve and process effects, n with load effects, n with sensor effects] into the effects' tables.

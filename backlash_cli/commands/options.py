@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -133,11 +134,12 @@ def command(name: str) -> click.Command:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((path for path in results if results.count(path) > 1), None):
             raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
-        if path := next((path for path in results if path.suffix and not path.parent.is_dir()), None):
-            from ..words import WORDS
+        from ..reporter.files import told
 
-            what, remedy = WORDS["cannot_write"]["ENOENT"]  # as writing would say after the work
-            raise UsageError(f"cannot write: {what}", where=f"{path}", remedy=remedy)
+        for path in results:
+            with told(path):  # as writing would say after the work
+                os.stat(f"{path.parent}/." if path.suffix else ".")
+                path.is_file()
         if there := [path for path in results if path.is_file()]:
             from ..loaders.sources import find_sidecars, find_sources
 

@@ -170,10 +170,8 @@ def coloured_step(state: FloatArray, value: float, p: FloatArray) -> float:
     return value + state[3] * x + state[5] * first + state[6] * second
 
 
-MEASUREMENT_NOISE = effect(
-    "measurement_noise", Stage.SENSOR, lambda p, interval, first: coloured_start(p[0], p[1], interval),
-    coloured_step, draws=2, fitted=False)
+MEASUREMENT_NOISE = effect("measurement_noise", Stage.SENSOR, lambda p, interval, first: coloured_start(
+    p[0], p[1], interval), coloured_step, draws=2, fitted=False)
 
-RANDOM_LOAD = effect(
-    "random_load", Stage.LOAD, lambda p, interval, first: coloured_start(2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval),
-    coloured_step, draws=2, fitted=False)
+RANDOM_LOAD = effect("random_load", Stage.LOAD, lambda p, interval, first: coloured_start(
+    2.0 * p[0] ** 2 * p[1], 1.0 / p[1], interval), coloured_step, draws=2, fitted=False)

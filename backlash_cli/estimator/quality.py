@@ -117,7 +117,8 @@ class Quality(Frozen):
                             "missing_samples": q.missing_share, "frozen": q.frozen_share,
                             "spikes": q.implausible_share}.items():
             say(share >= NOTABLE, name, share=share)
-        say(q.filled_share > MOSTLY_OWN, "interpolated", "limits", share=q.filled_share)
+        effect = "blocks" if per_Ti * (1.0 - q.filled_share) < FEWEST_STORED else "limits"
+        say(q.filled_share > MOSTLY_OWN, "interpolated", effect, share=q.filled_share)
         say(NOTABLE <= q.filled_share <= MOSTLY_OWN, "filled", share=q.filled_share)
         say(q.gaps > 0, "gaps", gaps=q.gaps, longest_s=q.longest_gap)
 

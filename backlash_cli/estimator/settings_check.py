@@ -190,9 +190,8 @@ def _mix_ups(K: float, Ti: float, settings: LoopSettings, true_gain: float) -> l
               f"K = {K:g} looks like a gain in {unit} (per span {K / factor:.3g})", True)
         for factor, unit in (
             (op_span / pv_span, "output units per measurement unit"),
-            (pv_span / op_span, "measurement units per output unit"),
             (op_span, "output units per span of the measurement"), (1.0 / pv_span, "output span per measurement unit"),
-        ) if abs(log(factor)) > AGREES)]
+            (pv_span / op_span, "measurement units per output unit")) if abs(log(factor)) > AGREES)]
     of_reset = [MixUp(code, 1.0, factor, f"Ti = {Ti:g} {words}") for code, factor, words in (
         ("settings_ti_minutes", 1.0 / 60.0, "s looks 60 times too small: given in minutes?"),
         ("settings_ti_minutes", 60.0, "s looks 60 times too large: seconds taken for minutes?"),

@@ -38,7 +38,7 @@ class Lexicon(Frozen, eq=False):
         values = plain_numbers(self.words) if self.decimal == "." else np.full(len(self.words), np.nan)
         units = [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
-        comma = "," in (self.decimal, decimal_sign([self.words[i] for i in rest[:5000]], self.decimal))
+        comma = decimal_sign([self.words[i] for i in rest[:5000]], self.decimal) == ","
         for i in rest:
             values[i], units[i] = _with_unit(self.words[i].strip().lstrip("'"), comma)
         return values, np.isnan(values) & np.array([bool(word.strip()) for word in self.words], bool), units
@@ -157,12 +157,10 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
 
 def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
     """Return the values of the texts that are plain finite numbers, nan for all others."""
-    given = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
-    text = pc.replace_substring(given, decimal, ".")
-    chosen = pc.match_substring_regex(text, _NUMBER)
-    if decimal != ".":  # there a point is a thousands separator
-        chosen = pc.and_(chosen, pc.invert(pc.match_substring(given, ".")))
-    values = to_array(pc.utf8_ltrim(pc.if_else(chosen, text, None), "+").cast(pa.float64()))
+    text = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
+    chosen = pc.match_substring_regex(text, _NUMBER.replace(r"\.", f"[{decimal}]"))
+    plain = pc.replace_substring(pc.if_else(chosen, text, None), decimal, ".")
+    values = to_array(pc.utf8_ltrim(plain, "+").cast(pa.float64()))
     return np.where(np.isinf(values), np.nan, values)
 
 
@@ -184,11 +182,12 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
 
 
 def decimal_sign(words: list[str], decimal: str) -> str:
-    """The decimal sign that the texts themselves show: "," only when a comma cannot be a thousands separator."""
-    words = [_BLANKS.sub("", w) for w in words]
+    """The decimal sign of texts: the given one, unless more of them show the other one where it parts no thousands."""
+    words, other = [_BLANKS.sub("", w) for w in words], "," if decimal == "." else "."
     if both := next((w for w in words if "." in w and "," in w), ""):
         return "," if both.rfind(",") > both.rfind(".") else "."
     if any(w.count(",") > 1 for w in words):
         return "."
-    commas = [w for w in words if re.match(r"^[+-]?\d+,\d+", w)]
-    return decimal if all(re.match(r"^[+-]?[1-9]\d{0,2}(,\d{3})+(?!\d)", w) for w in commas) else ","
+    shown = [w for w in words if not re.match(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+(?!\d)", w)]
+    count, against = (sum(bool(re.match(rf"[+-]?\d+[{c}]\d+(?![.\d])", w)) for w in shown) for c in (decimal, other))
+    return other if against > count else decimal

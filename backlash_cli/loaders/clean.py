@@ -158,8 +158,7 @@ class _Making:
         between = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
         y = normalised(measured, scaled.pv_range)
         y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge)
-        self.counts.update({what: int(np.count_nonzero(where[first:last])) for what, where in marks.items()},
-                           samples=last - first)
+        self.counts.update(samples=last - first, **{k: int(on[first:last].sum()) for k, on in marks.items()})
         missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]
@@ -214,11 +213,10 @@ class _Making:
     def _manual(self, loop: LoopSeries, auto_modes: tuple[str, ...], grid: Grid
                 ) -> tuple[NDArray[np.bool_] | None, list[Note]]:
         """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
-        items = loop.roles.get("mode", [])
+        if not (items := loop.roles.get("mode", [])):
+            return None, []
         found = [automatic(item.cells(), auto_modes, item.signal) for item in items]
         notes = [note for _, more in found for note in more]
-        if not items:
-            return None, notes
         states = np.concatenate([auto for auto, _ in found])
         signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:

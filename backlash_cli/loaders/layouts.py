@@ -13,7 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored
-from .names import COLUMNS, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, TITLE, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -96,6 +96,12 @@ class Head(Frozen):
     def texts(self) -> list[int]:
         return [i for i, column in enumerate(self.columns) if is_text(column.type)]
 
+    @cached_property
+    def loops(self) -> list[int]:
+        """Columns that name the loop or tag of a row: the header says so, or all are texts such as FIC101."""
+        return [i for i in self.texts + self.ids if self.plain[i] in TAG | LOOP | {"measurement"} or (
+            i in self.texts and (words := self.words(i)) and all(map(TITLE.fullmatch, words)))]
+
     def is_time(self, column: int) -> bool:
         """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
         kind = self.columns[column].type
@@ -145,8 +151,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG),
-                   key=lambda i: (head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
+    named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG or i in head.loops), key=lambda i: (
+        head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
@@ -175,7 +181,7 @@ def _recognise(head: Head) -> str:
     alone = {"pv"} < {tag.role for tag in head.tags if tag.role in SIGNALS and not tag.loop}  # else a word for values
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
-        return "tall" if any(head.plain[i] in TAG | LOOP | {"measurement"} for i in texts + head.ids) else "wide"
+        return "tall" if {*head.loops} - {*head.times} else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
     if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
         return "pairs"
@@ -282,20 +288,22 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
     return quality
 
 
-def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[Series]:
+def signals_of(head: Head, layout: Layout, options: ReadOptions, blank: Collection[int] = ()) -> list[Series]:
     """Name the signals of a wide file or of pairs; blank: columns without any cell. Raises InputError without any. What
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
     loops = {tags[i].role: tags[i].loop for i in signals if tags[i].role in ("sp", "pv", "op")}
-    bare = [i for i in signals if not tags[i].role and "pv" not in loops and tags[i].signal == loops.get("sp")]
+    bare = [i for i in signals if not tags[i].role and "pv" not in loops and (
+        tags[i].signal == loops.get("sp") or (loops.get("sp") == "" and head.plain[i] in COLUMNS["quantity"]))]
     # Flow Set Point, Flow, Valve Demand: in words and not by a tag
     in_words = {"sp", "op"} <= loops.keys() and ("pv" in loops or len(bare) == 1) and len({*loops.values()}) > 1 and (
         len(loops) == sum(tags[i].role in loops for i in signals) and not re.search(r"\d", "".join(loops.values())))
     alone = not pairs and (in_words or any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)) and not (
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])  # of one loop
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
-    by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(tag.role in SIGNALS for tag in tags)
+    by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(
+        tag.role in SIGNALS or name.lower() in options.tags for tag, name in zip(tags, head.names, strict=True))
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
         place = bisect(begins, i) - 1 if pairs else 0
@@ -313,7 +321,7 @@ def signals_of(head: Head, layout: Layout, blank: Collection[int] = ()) -> list[
                 tag.loop and name[len(tag.loop) :][:1].isalnum())), key=len, default=tags[i].of or one.loop)
             if not any(tag.role == "mode" and tag.loop == owner for tag in tags):
                 one = replace(one, loop=owner, role="mode")
-        if alone and in_words and (one.role or i in bare):
+        if alone and ((in_words and one.role) or bare == [i]):
             one = replace(one, loop="", role=one.role or "pv")
         if alone and (head.home or not one.loop or not one.role):
             one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else header)

@@ -32,8 +32,7 @@ from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
 
 CHUNK, BLOCK, SAMPLE = 1 << 20, 4 << 20, 64 << 10  # bytes: read at once, handed on at once, that tell the encoding
-# Text of measurements never shrinks to a 200th; beyond this a small file is a trap, not an export.
-BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20
+BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: pa.CompressedInputStream(pa.PythonFile(file, mode="r"), "zstd"))}
@@ -105,7 +104,7 @@ class Text:
             read = getattr(stream, "read1", stream.read)  # no more than one piece at once
             while True:
                 try:
-                    piece = read(CHUNK)
+                    piece = read(CHUNK >> 4 if codec == "zstd" else CHUNK)  # of a damaged piece nothing is read
                 except _DAMAGED as error:
                     if not codec:
                         raise
@@ -309,8 +308,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     commas = [c for c in every if "," in c]  # between commas all numbers have one: not all would have thousands
     only_commas = len(commas) >= (len(every) if delimiter == "," else 1) > 0 and not any("." in c for c in every)
     numbers = commas if delimiter == "," else every
-    mirrored = every if options.decimal == "." else [number.translate({44: ".", 46: ","}) for number in every]
-    if options.decimal and decimal_sign(mirrored, ".") == ",":
+    if options.decimal and decimal_sign(every, options.decimal) != options.decimal:
         raise InputError(**explained("decimal_wrong", decimal=options.decimal, number=max(every, key=len)), where=where)
     if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":
         text.notes.append(noted("decimal_comma", number=numbers[0]))
@@ -424,7 +422,9 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
     rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
     if not rows:
-        raise InputError(**explained("no_header"), where=where)
+        line, cells = next(reversed(before.items()), (0, list[str]()))
+        raise InputError(**explained("no_header:other" if any(cells) else "no_header", line=line, names=len(cells),
+                                     cells=width, text=" ".join(cells)[:60]), where=where)
     # one cell too few: nothing stands above row numbers, or above the time of day
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else

@@ -18,7 +18,7 @@ from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, 
 from ..record import Frozen, Note, Record, failure, utc_text
 from ..scratch import Room
 from ..selection import choose, fits, parse_since
-from ..settings import ROLE_KEYS, Metadata, merge
+from ..settings import Metadata, merge
 from .clean import Recipe
 from .grid import DAY, NAT
 from .names import explained, noted
@@ -204,8 +204,7 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete
         return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
     notes = []
     for name in names:
-        values = metadata.loops[name].values
-        tags = ", ".join(tag for role in ROLE_KEYS if isinstance(tag := values.get(role), str))
+        tags = ", ".join(metadata.loops[name].tags.values())
         hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series)) if complete else (
             "not all files could be read")
         notes.append(noted("loop_not_found", {"loop": name}, hint=hint))
@@ -214,16 +213,16 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete
 
 def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOptions,
             slaves: Mapping[tuple[str, str], str]) -> Recipe:
-    values, notes = metadata.of(name), tuple[Note, ...]()
+    values, notes = metadata.loops.get(name), tuple[Note, ...]()
     origin = next(iter(series.roles.values()))[0].loop
     if values is None and metadata.files:
         notes = (noted("not_in_metadata:defaults" if metadata.defaults else "not_in_metadata", loop=name[:60]),)
-    elif values is not None and origin not in ("", name) and metadata.match(origin) is None:
+    elif values is not None and origin not in ("", name):
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     if {True, False} <= {zone for items in series.roles.values() for item in items for zone in item.axis.zones}:
         notes += (noted("mixed_zones"),)
     if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or pv[0].loop.lower() != origin.lower()) and not (
-            values and values.values.get("pv")):
+            values and "pv" in values.tags):
         notes += (noted("bare_pv", tag=pv[0].tag[:60], loop=name[:60]),)
     for slave in {slaves.get((one.axis.where, one.tag), "") for one in series.roles.get("op", ())} - {"", name}:
         notes += (noted("cascade", {"effect": "limits"}, loop=name[:60], slave=slave[:60]),)

@@ -13,7 +13,7 @@ from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
 from ..scratch import Columns, Piece, Room
-from ..settings import ROLE_KEYS, Metadata
+from ..settings import Metadata
 from .cells import Cells
 from .grid import NAT, Times
 from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
@@ -199,11 +199,10 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
 def explicit_tags(metadata: Metadata) -> tuple[Owners, dict[str, dict[str, str]]]:
     """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
     explicit: Owners = {}
-    asked = {loop: {role: tag for role in ROLE_KEYS if isinstance(tag := values.values.get(role), str) and tag.strip()}
-             for loop, values in metadata.loops.items()}
+    asked = {loop: values.tags for loop, values in metadata.loops.items()}
     for loop, tags in asked.items():
         for role, tag in tags.items():
-            explicit.setdefault(tag.strip().lower(), []).append((loop, role))
+            explicit.setdefault(tag.lower(), []).append((loop, role))
     return explicit, asked
 
 

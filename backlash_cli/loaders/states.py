@@ -85,15 +85,14 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
     usual = median_low(seen["usual"])
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
-    if high >= 128:
-        low_bits = values % (1 << 16)  # those above are of OPC HDA
-        return (low_bits >= 128) & (low_bits < 256), []
+    if high >= 128:  # 128 to 255, below the bits of OPC HDA
+        return values % (1 << 16) // 128 == 1.0, []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
     if _ONE_IS_BAD.search(name) and low >= 0.0 and high <= 1.0:
         return values == 0.0, []
     if low == high:
-        return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), []
+        return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), [noted("quality_zero")] * (usual == 0.0)
     return values == usual, [noted("quality_code", usual=usual)]
 
 

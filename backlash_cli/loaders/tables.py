@@ -270,9 +270,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
         axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where, zones=frozenset([bool(kind.tz)]))
                 for pair, kind in zip(layout.stamps, kinds, strict=True)]
-        return _on_axes(signals_of(head, layout, blank), axes, layout)
+        return _on_axes(signals_of(head, layout, options, blank), axes, layout)
     if not layout.naming:  # what is still blank may be a tag of the loops file
-        needed = {i for one in signals_of(head, layout) if is_needed(one) for i in (one.column, *one.marks)}
+        needed = {i for one in signals_of(head, layout, options) if is_needed(one) for i in (one.column, *one.marks)}
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
                            head.start, head.interval, head.decimal == ",") for pair in layout.stamps]
@@ -314,7 +314,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
                  first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         return _by_tag(axes[0], store, tags, blank, head, layout)
-    return _on_axes(signals_of(head, layout, blank), axes, layout)
+    return _on_axes(signals_of(head, layout, options, blank), axes, layout)
 
 
 def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Series]:

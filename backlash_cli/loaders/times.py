@@ -158,8 +158,8 @@ class StampReader:
         self._scale: tuple[float, float, bool] | None = None  # as in _UNITS, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
-        self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
-        self._skipped = 0  # rows in an hour that no clock shows
+        self._skipped = 0  # rows in an hour that no clock shows; in the one that occurs twice, steps back since then
+        self._doubled = self._back = 0
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None
@@ -179,8 +179,9 @@ class StampReader:
             column = column.cast(column.type.value_type)
         kind = column.type
         if pa.types.is_timestamp(kind) or pa.types.is_date(kind):
-            micros = micros_of(column)
-            return self._seen(micros, np.full(len(micros), getattr(kind, "tz", None) is not None))
+            if self.form in _UNITS:
+                raise InputError(**explained("time_format:dates", column=self.name, form=self.form), where=self.where)
+            return self._seen(micros_of(column), np.full(len(column), getattr(kind, "tz", None) is not None))
         if pa.types.is_time(kind):
             return self._past_midnight(micros_of(column))
         if is_text(kind):
@@ -219,8 +220,7 @@ class StampReader:
                 clock += np.rint(values * _UNITS[unit][0] / 1000) * 1000
             elif not unit:
                 codes, words = codes_and_words(column.cast(pa.string()))
-                dotted = words and DOTTED.match(words[0])
-                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words] if dotted else words)
+                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
                 self._zones |= {True} if zoned.any() else set()
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
@@ -282,8 +282,7 @@ class StampReader:
         return out
 
     def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
-        known = micros != NAT
-        self._zones |= {zone for zone in (True, False) if np.any(known & (zoned == zone))}
+        self._zones |= {zone for zone in (True, False) if np.any((micros != NAT) & (zoned == zone))}
         return micros
 
     def _past_midnight(self, micros: IntArray) -> IntArray:
@@ -306,14 +305,13 @@ class StampReader:
         if "%" in self.form:
             import pandas as pd
 
-            text = pd.Series(words, dtype="str").str.strip()
             try:
-                found = pd.to_datetime(text, format=self.form, errors="coerce", utc=True)
+                found = pd.to_datetime(pd.Series(words).str.strip(), format=self.form, errors="coerce", utc=True)
             except (ValueError, TypeError, OverflowError) as error:
                 raise InputError(**explained("time_format", form=self.form, error=error)) from None
             micros = found.to_numpy(dtype="datetime64[us]").astype(np.int64)
             return np.append(self._seen(micros, np.zeros(len(words), bool)), NAT)[codes]
-        if self._unit and self._unit != "digits":
+        if (self._unit or self.form) in _UNITS:
             return self._numbers(np.append(Lexicon(words).parsed[0], np.nan)[codes])
         micros, zoned, of_day = read_dates(words)
         if of_day and (self._of_day is not None or not self._zones):
@@ -354,9 +352,11 @@ class StampReader:
         if "dmy" in fitting and (separator == "." or self._comma):
             self.notes += [noted("time_format:comma")] * (separator != ".")
             return "dmy"
-        if separator in ("/", "-") and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
-            self.notes.append(noted("time_format:am_pm"))
-            return "mdy"
+        if separator == "/" and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
+            # Australia writes 5/03/2026, the USA 5/3/2026
+            first = "dmy" if "dmy" in fitting and re.match(r"\d/0", self._shown_open) else "mdy"
+            self.notes.append(noted("time_format:am_pm" if first == "mdy" else "time_format:am_pm_day"))
+            return first
         year, b, a = (int(part[0]) for part in readings["dmy"])
         date = separator.join((f"{a:02d}", f"{b:02d}", f"{year % 100 if short else year:02d}"))
         raise InputError(**explained("ambiguous_dates", date=date, column=self.name), where=self.where)
@@ -372,8 +372,7 @@ class StampReader:
             if self._unit.startswith("epoch") and not self.form and (
                     int(np.median(known) * _UNITS[self._unit][0]) not in LIKELY
                     or (np.all(known % 100 < 60) and np.any(np.diff(known) == 41))):  # 0859 is followed by 0900
-                shown = f"{known[0]:.0f}"
-                raise InputError(**explained("digit_stamps", column=self.name, stamp=shown), where=self.where)
+                raise InputError(**explained("digit_stamps", column=self.name, stamp=round(known[0])), where=self.where)
             if self._unit == "excel":
                 self.notes.append(noted("time_format:excel"))
             if not _UNITS.get(self._unit, (0, 0, True))[2]:

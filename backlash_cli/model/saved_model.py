@@ -104,8 +104,7 @@ def _effect(table: Mapping[str, Any], line: Callable[..., str]) -> ModelEffect:
 
 def model_text(model: Model) -> str:
     """Return a model as TOML text with a comment on every number; `parse_model` reads it back."""
-    out = [
-        "# Model of one loop, made by backlash: PV = Kp x lag(effects(OP)) + offset.",
+    out = ["# Model of one loop, made by backlash: PV = Kp x lag(effects(OP)) + offset.",
         "# Change what you know better, then: backlash compare EXPORT --model THIS_FILE",
         "# Signals are normalised by the ranges (0.03 = 3 % of span), times are in seconds."]
     told = {key: getattr(model, key) for key in PLAIN}

@@ -63,10 +63,9 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
         "residual [as PV]", domain=[0.25, 0.46]), fig.axis(f"OP [{op_unit}]", domain=[0.0, 0.19])
     if reach:  # a model is often far off in its first seconds; the lines go on beyond the axis
         panels[1]["range"] = [side * 1.5 * max(reach, band) for side in (-1.0, 1.0)]
-    layout: Figure = {
+    layout: Figure = {"hovermode": "x", "height": 640,
         "yaxis4": {"overlaying": "y2", "range": [0, 1], "fixedrange": True, "visible": False, "side": "right"},
-        "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)],
-        "hovermode": "x", "height": 640}
+        "shapes": [fig.across("y", y, fig.QUIET, dash="dot", yref="y2") for y in (-band, band)]}
     if last > 0:  # numbers, not names: buttons do not wrap on a narrow screen
         numbers = [name.partition(":")[0] for name in models]
         wanted = {**{number: {k} for k, number in enumerate(numbers)}, f"{numbers[0]} + {numbers[-1]}": {0, last},

@@ -41,7 +41,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Ctrl-C, it is removed and `path` keeps its old content. A link is followed; a device or pipe (/dev/stdout) is
     written straight, since it must not be replaced by a file. Raises BacklashError as `write_text`."""
     given, target = Path(path), Path(os.path.realpath(path))
-    with _told(path):
+    with told(path):
         mode = given.stat().st_mode if given.exists() else None
         if given.is_dir():
             raise IsADirectoryError(errno.EISDIR, "is a folder")
@@ -68,12 +68,12 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def make_folder(path: str | os.PathLike[str]) -> None:
     """Make a folder, and those above it, where they do not exist. Raises BacklashError when that is not possible."""
-    with _told(path):
+    with told(path):
         Path(path).mkdir(parents=True, exist_ok=True)
 
 
 @contextlib.contextmanager
-def _told(path: str | os.PathLike[str]) -> Iterator[None]:
+def told(path: str | os.PathLike[str]) -> Iterator[None]:
     """Say what is wrong with a place that cannot be written, and how to mend it."""
     try:
         yield

@@ -30,6 +30,13 @@ class LoopValues(Frozen):
     where: str
     from_defaults: frozenset[str] = frozenset()
 
+    @property
+    def tags(self) -> dict[str, str]:
+        """Return the tags of signals by role, also numbers; sp is one where pv is a tag, else a constant setpoint."""
+        named = {role: tag for role in ROLE_KEYS if isinstance(tag := self.values.get(role), (str, int)) and tag != ""}
+        return {role: str(tag).strip() for role, tag in named.items() if isinstance(tag, str) or role != "sp"
+                or isinstance(named.get("pv"), int)}
+
 
 class Metadata(Frozen):
     """Settings of all loops of one or several files; `defaults` hold for loops that are not listed."""
@@ -91,7 +98,6 @@ def parse_toml(text: str, where: str) -> Metadata:
 
 def parse_table(text: str, where: str) -> Metadata:
     """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
-
     Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column."""
     head = text.partition("\n")[0]
     delimiter = max(";\t,", key=head.count)
@@ -105,13 +111,13 @@ def parse_table(text: str, where: str) -> Metadata:
     header = [cell.strip() for cell in rows[0][1]]
     names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]
     if not names:
-        raise MetadataError("table has no column 'loop'", where=where,
-                            remedy="name the loops in a column called loop; or is this the export itself?")
+        raise MetadataError(**explained("no_loop_column"), where=where)
     check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
                lambda key: f"{where}, line {rows[0][0]}")
-    defaults: dict[str, Any] = {}
-    loops: dict[str, dict[str, Any]] = {}
+    defaults, loops = dict[str, Any](), dict[str, dict[str, Any]]()
     for line, row in rows[1:]:
+        if "".join(row[len(header) :]).strip():
+            raise MetadataError(**explained("long_row", cells=len(row)), where=f"{where}, line {line}")
         cells = dict(zip(header, row, strict=False))
         name = cells.pop(header[names[0]], "").strip()
         values = {k: _value(k, v, delimiter, f"{where}, line {line}") for k, v in cells.items() if k and v.strip()}
@@ -159,10 +165,7 @@ def check_keys(values: Mapping[str, Any], line_of: Any) -> None:
 
 def merge(parts: Iterable[Metadata]) -> Metadata:
     """Put the metadata of several files together; the first file that sets a loop counts."""
-    loops: dict[str, LoopValues] = {}
-    defaults: dict[str, Any] = {}
-    files: list[str] = []
-    conflicts: list[str] = []
+    loops, defaults, files, conflicts = dict[str, LoopValues](), dict[str, Any](), list[str](), list[str]()
     for part in parts:
         files.extend(part.files)
         defaults = {**part.defaults, **defaults}
@@ -183,10 +186,8 @@ def _joined(spaced: str) -> str:
 
 
 class Settings(Frozen):
-    """Settings of one loop before the data are seen.
-
-    loop: K and Kp as given (see `engineering`), times in seconds. pv_range, op_range: None when not given.
-    engineering: K and Kp are in output units per measurement unit and back. notes: what was assumed."""
+    """Settings of one loop before the data are seen. loop: K and Kp as given (see `engineering`), times in seconds.
+    pv_range, op_range: None when not given. engineering: K and Kp are in output units per measurement unit and back."""
 
     loop: LoopSettings
     pv_range: tuple[float, float] | None = None
@@ -212,9 +213,8 @@ def _settings_of(values: LoopValues) -> Settings:
     given = values.values
     tuning, notes = to_ideal(given), tuple[Note, ...]()
     times = {key: seconds(given[key], key) for key in ("Tf", "theta") if key in given}
-    for key, value in times.items():
-        if value < 0:
-            raise MetadataError(f"{key} must not be negative, not {value:g}", remedy=f"give {key} in seconds")
+    if wrong := [key for key, value in times.items() if value < 0]:
+        raise MetadataError(f"{wrong[0]} must not be negative", remedy=f"give {wrong[0]} in seconds")
     gain = number(given["Kp"], "Kp") if "Kp" in given else None
     if gain == 0:
         raise MetadataError(**explained("zero_kp"))
@@ -228,12 +228,14 @@ def _settings_of(values: LoopValues) -> Settings:
     source = {same[0]: "default" if key in values.from_defaults else "metadata"
               for same in keys for key in same if key in given}
     setpoint, modes = given.get("sp"), given.get("auto_modes", ())
-    if isinstance(modes, (dict, bool)):
-        raise MetadataError(f"auto_modes must be words or numbers, not {modes!r}", remedy='write auto_modes = ["AUTO"]')
+    for key, kinds, usual in (("auto_modes", (str, int, float, list, tuple), '["AUTO"]'), (
+            "sp", (str, int, float), '"TAG"'), *((role, (str, int), '"TAG"') for role in ROLE_KEYS[1:])):
+        if isinstance(value := given.get(key, "-"), bool) or not isinstance(value, kinds) or value == "":
+            raise MetadataError(f"{key} may not be {value!r:.60}", remedy=f"write {key} = {usual}")
     loop = LoopSettings(*tuning, times.get("Tf"), gain, times.get("theta"), source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
                     tuple(map(str, modes if isinstance(modes, (list, tuple)) else [modes])),
-                    number(setpoint, "sp") if isinstance(setpoint, (int, float)) else None, notes)
+                    None if setpoint is None or "sp" in values.tags else number(setpoint, "sp"), notes)
 
 
 def _range(given: Any, key: str) -> tuple[float, float] | None:
@@ -246,6 +248,5 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
     if low > high:
         raise MetadataError(**explained("reversed_range", key=key, low=low, high=high))
     if not 0.0 < high - low < float("inf"):
-        raise MetadataError(f"{key} = [{low:g}, {high:g}] {'has zero width' if low == high else 'is too wide'}",
-                            remedy="give the span: [low, high]")
+        raise MetadataError(**explained("no_span:zero" if low == high else "no_span", key=key, low=low, high=high))
     return low, high

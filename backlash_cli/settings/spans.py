@@ -10,7 +10,7 @@ from ..words import explained, noted
 from .schema import Settings
 
 SLACK = 0.05  # of a span: noise around the end of a range
-MOST_MA = 30.0  # of an output in milliamperes
+MOST_MA, MA = 30.0, (3.8, 20.5)  # of an output in milliamperes, where it may be one without saying so
 TINY = 0.01  # of a span: no valve is throttled there, but shares of 1 are where per cent are expected
 
 
@@ -40,9 +40,10 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             notes.append(noted("op_current"))
         elif low >= -SLACK and high <= 1.0 + SLACK:
             span = 0.0, 1.0
+            notes += [noted("op_share")] * (name == "op_range" and len(values) > 0)
         elif name == "op_range" and low >= -5.0 and high <= 105.0 and quantile(values, 0.05) >= -SLACK:
-            span = 0.0, 100.0
-            notes.append(noted("op_percent"))
+            span, amps = (0.0, 100.0), low >= MA[0] and high <= MA[1]
+            notes.append(noted("op_percent:current", {"effect": "limits"}) if amps else noted("op_percent"))
         else:
             # from zero where the values do not come near it, else round at both ends
             span = (-_round_up(-low * 1.05) if low < 0.0 else 0.0,

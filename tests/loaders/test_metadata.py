@@ -71,7 +71,9 @@ def test_mistakes_are_placed(text, where, words):
      ("pv_range = [900, 0]", "reversed"), ("op_range = [0, 5, 9]", "two numbers"),
      ("pv_range = 900", "two numbers"), ("op_range = ['a', 'b']", "must be a number"), ("Kp = 0", "must not be zero"),
      ("Kp = nan", "must be a number"), ("theta = -3", "must not be negative"), ("Tf = -1", "must not be negative"),
-     ("units = 'bar'", "units"), ("pv_range = [-1e308, 1e308]", "too wide"), ("Kp = 'x'", "must be a number")],
+     ("pv = ['FT1']", "pv may not be"), ("mode = ''", "mode may not be"), ("op = 1.5", "op may not be"),
+     ("auto_modes = true", "auto_modes may not be"), ("units = 'bar'", "units"),
+     ("pv_range = [-1e308, 1e308]", "too wide"), ("Kp = 'x'", "must be a number")],
 )  # fmt: skip
 def test_wrong_values_name_key_and_remedy(values, words):
     metadata = parse_toml(f"[loops.A]\nK = 1\nTi = 2\n{values}\n", "x")
@@ -128,13 +130,20 @@ def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
 @pytest.mark.parametrize(
     ("text", "words"),
     [("loop,K,Tii\nA,1,2\n", "unknown key"), ("K,Ti\n1,2\n", "no column 'loop'"),
-     ("loop,K\nA,1\nA,2\n", "listed twice"),
+     ("loop,K\nA,1\nA,2\n", "listed twice"), ("loop,K,Ti\nA,1,7,25\n", "4 cells in a row"),
      ("loop,pv_range\nA,wide\n", "not a range"), ("loop,K\n,1\n", "without a loop name")],
 )  # fmt: skip
 def test_table_mistakes(text, words):
     with pytest.raises(MetadataError, match=words) as caught:
         parse_table(text, "t.csv")
     assert "t.csv" in caught.value.where
+
+
+def test_tags_may_be_numbers():
+    metadata = parse_toml("[loops.A]\nsp = 1001\npv = 1002\nop = 1003\n[loops.B]\nsp = 45\npv = 'FT2'\n", "f.toml")
+    assert metadata.loops["A"].tags == {"sp": "1001", "pv": "1002", "op": "1003"}
+    assert metadata.loops["B"].tags == {"pv": "FT2"}
+    assert [settings_of(metadata.of(loop)).constant_setpoint for loop in "AB"] == [None, 45.0]
 
 
 def test_files_that_are_no_metadata(tmp_path):

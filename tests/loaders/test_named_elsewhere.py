@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import re
+from datetime import timedelta
 
 import numpy as np
 import pandas as pd
@@ -122,6 +123,12 @@ EXPORTS = {
     "folders_of_signals": Export({f"plant/{n[7:]}/{n[:6]}.csv": "Time,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("plant",)),
     "cells_that_are_to_stay_text": Export({"plant.csv": wide(value=lambda n, v: f"'{cell(n, v)}")}),
     "stamps_in_small_letters": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%dt%H:%M:%Sz}")}),
+    "day_first_in_australia": Export({"plant.csv": wide(lambda t: f"{t - timedelta(days=12, hours=10):%-d/%m/%Y %I:%M:%S %p}", time_name="Time")}, start=STAMPS[0] - timedelta(days=12, hours=10), notes=("time_format",)),
+    "loops_in_a_column_of_any_name": Export({"plant.csv": "LogTime,Where from,SP,PV,OP\n" + "".join(f"{iso(t)},{loop},{','.join(cell(f'{loop}.{s}', SIGNALS[f'{loop}.{s}'][i]) for s in ('SP', 'PV', 'OP'))}\n" for i, t in enumerate(STAMPS) for loop in RANGES)}),
+    "words_behind_the_signal_in_names_of_files": Export({f"set/{n.replace('.', '_')}_export_2026-03-17_to_2026-03-18.csv": "Time,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()}, inputs=("set",)),
+    "a_quantity_is_the_measurement": Export({f"set/{loop}.csv": single(loop).replace("Time,OP,PV,SP", "Time,Valve [%],Flow rate [m3/h],Setpoint [m3/h]") for loop in RANGES}, inputs=("set",)),
+    "decimal_sign_of_each_column": Export({"plant.csv": wide(delimiter=";", value=lambda n, v: cell(n, v) if n.endswith("OP") else cell(n, v).replace(".", ","))}),
+    "decimal_sign_that_changes": Export({"plant.csv": "\n".join([*wide(delimiter=";").splitlines()[:301], *wide(delimiter=";", value=comma).splitlines()[301:]]) + "\n"}),
     "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
 }  # fmt: skip
 
@@ -242,6 +249,26 @@ def test_a_day_above_that_may_be_another_is_not_taken(tmp_path, above):
     assert all(f"{record.time[0]:.0f}" == str(86_100) for record in plant)
     assert "relative_time:of_day" in {note.code for record in plant for note in record.notes} | {
         note.code for note in plant.warnings} or any("1970" in n.message for record in plant for n in record.notes)
+
+
+@pytest.mark.parametrize("name", ["output", "x"])
+def test_tags_of_the_settings_go_before_the_name_of_the_file(tmp_path, name):
+    tags = dict(zip(SIGNALS, ("AV12", "AI12", "AO12", "AV13", "AI13", "AO13"), strict=True))
+    (tmp_path / f"{name}.csv").write_text(wide(name=tags.get), encoding="utf-8")
+    (tmp_path / "loops.toml").write_text("".join(f"[loops.{loop}]\n" + "".join(
+        f"{role.lower()} = '{tags[f'{loop}.{role}']}'\n" for role in ("SP", "PV", "OP")) for loop in RANGES))
+    plant = read(tmp_path)
+    assert [record.loop for record in plant] == [*RANGES] and not plant.failures
+    assert all(record.output is not None for record in plant)
+
+
+@pytest.mark.parametrize(("first", "rest", "words"), [
+    ("timestamp;FIC101.SP;FIC101.PV;FIC101.OP", ",", "1 cells"), ("timestamp,FIC101.SP,FIC101.PV,FIC101.OP,MODE", ",", "5 cells")])
+def test_a_header_that_does_not_fit_is_shown(tmp_path, first, rest, words):
+    rows = [rest.join((iso(t), row("FIC101", i))) for i, t in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join([first, *rows]) + "\n", encoding="utf-8")
+    with pytest.raises(BacklashError, match=f"line 1 cannot be the header: it has {words} and the rows below have 4"):
+        read(tmp_path / "plant.csv")
 
 
 def test_times_of_day_over_midnight_newest_first(tmp_path):

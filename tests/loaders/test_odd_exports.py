@@ -433,9 +433,38 @@ def test_values_that_are_good_for_no_part_of_their_time_are_not_used(tmp_path):
     assert "600 samples of FIC101.PV have bad quality" in plant.failures[0].message
 
 
+def test_a_quality_of_zero_everywhere_is_told(tmp_path):
+    text = long(lambda tag, stamp, value: f"{tag},{iso(stamp)},{value},0", "Tag,Time,Value,Quality")
+    record = read(save(tmp_path, text))["FIC101"]
+    assert record.usable.all() and "quality_zero" in codes(record.notes)
+
+
+def test_an_output_that_may_be_a_current_limits_the_verdict(tmp_path):
+    path = save(tmp_path, wide(value=lambda n, v: f"{4.0 + 0.16 * v:.4f}" if n.endswith("OP") else cell(n, v)))
+    (tmp_path / "loops.toml").write_text(SETTINGS.replace("op_range = [0, 100]", ""), encoding="utf-8")
+    note, = (note for note in read(path)["FIC101"].notes if note.code == "op_percent")
+    assert note.values["effect"] == "limits" and "op_range = [4, 20]" in note.message
+
+
+def test_settings_of_one_spelling_are_not_those_of_another_loop(tmp_path):
+    path = save(tmp_path, wide(name=lambda n: n.replace("PIC303", "FIC-101")))
+    (tmp_path / "loops.toml").write_text("[loops.FIC101]\nK = 0.9\nTi = 20.0\npv_range = [0, 900]\n", encoding="utf-8")
+    plant = read(path)
+    assert plant["FIC101"].settings.K == 0.9 and plant["FIC-101"].settings.K is None
+    assert "not_in_metadata" in codes(plant["FIC-101"].notes)
+
+
+@pytest.mark.parametrize("form", ["epoch_s", "excel"])
+def test_numbers_asked_for_where_texts_stand_are_refused(tmp_path, form):
+    german = wide(lambda t: f"{t:%d.%m.%Y %H:%M:%S}")
+    for text, words in ((wide(), "holds dates, no numbers"), (german, "17.03.2026 23")):
+        with pytest.raises(BacklashError, match=words):
+            read(save(tmp_path, text), options=ReadOptions(time_format=form))
+
+
 @pytest.mark.parametrize(("name", "factor", "given", "span", "code"), [
     ("OP [mA]", 0.16, "", (4.0, 20.0), "op_current"), ("OP [mA]", 0.16, "op_range = [0, 20]", (0.0, 20.0), ""),
-    ("OP [mA]", 0.16, "op_range = [0, 100]", (0.0, 100.0), "op_milliamps"),
+    ("OP [mA]", 0.16, "op_range = [0, 100]", (0.0, 100.0), "op_milliamps"), ("OP", 0.01, "", (0.0, 1.0), "op_share"),
     ("OP", 9.0, "op_range = [0, 100]", (0.0, 100.0), "op_outside"),
     ("OP", 0.01, "op_range = [0, 100]", (0.0, 100.0), "op_tiny"), ("OP", 0.01, "op_range = [0, 1]", (0.0, 1.0), "")])
 def test_an_output_in_another_unit_is_taken_for_what_it_is_or_told(tmp_path, name, factor, given, span, code):

@@ -453,10 +453,12 @@ def test_rows_inside_an_open_quotation_mark_are_counted(tmp_path):
     assert "not closed" in note.message
 
 
-def test_truncated_gzip_gives_what_is_whole(tmp_path):
+@pytest.mark.parametrize(("suffix", "pack"), [
+    ("gz", gzip.compress), ("zst", lambda text: pa.Codec("zstd").compress(text, asbytes=True))])
+def test_of_a_truncated_file_what_is_whole_is_read(tmp_path, suffix, pack):
     rng = np.random.default_rng(0)
-    text = wide(value=lambda t, v: f"{v + rng.random():.9f}")
-    plant = read(save(tmp_path, gzip.compress(text.encode())[:-5000], "plant.csv.gz"))
+    text = wide(value=lambda t, v: f"{v + rng.random():.{9 if suffix == 'gz' else 60}f}")
+    plant = read(save(tmp_path, pack(text.encode())[:-5000], f"plant.csv.{suffix}"))
     assert "truncated" in codes(plant.warnings) and 100 < len(plant["FIC101"]) < 600
 
 
