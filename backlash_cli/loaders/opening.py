@@ -125,7 +125,7 @@ class Text:
 
     def _decoded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
         """Yield text as UTF-8; from the first bytes on that are not, it counts as of a `code_page`."""
-        head = b""
+        head, where = b"", self.where
         while len(head) < SAMPLE and (piece := next(pieces, b"")):
             head += piece
         if not head:
@@ -142,7 +142,7 @@ class Text:
                 text = decoder.decode(piece, final=not piece)
             except UnicodeError as error:
                 if encoding != "utf-8":
-                    raise InputError(**explained("encoding_wrong", encoding=encoding, problem=error)) from None
+                    raise InputError(**explained("encoding_wrong", form=encoding, text=error), where=where) from None
                 piece, encoding = decoder.getstate()[0] + piece, code_page(head)
                 decoder = codecs.getincrementaldecoder(encoding)("replace")
                 text = decoder.decode(piece)
@@ -287,7 +287,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         late, empty = (options.header_row or 0) >= lines[-1][0], "time" in kinds and "number" not in kinds
         name = ("late_header" if late else "wrong_delimiter" if width < 2 and options.delimiter else "only_a_header"
                 if named else "no_columns" if width < 2 else "no_numbers" if empty else "no_measurements")
-        raise InputError(**explained(name, delimiter=options.delimiter, row=options.header_row), where=where)
+        raise InputError(**explained(name, options=options, text=lines[-1][2].strip()[:60]), where=where)
     before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds

@@ -41,8 +41,8 @@ class ReadOptions(Frozen):
     tags: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
-        for name, allowed in {"decimal": (".", ","), "time-format": TIME_WORDS, "interpolation": ("hold", "linear"),
-                              "layout": ("wide", "tall", "long", "pairs")}.items():
+        for name, allowed in {"decimal": (".", ","), "time-format": (*TIME_WORDS, "a pattern as '%d.%m.%Y %H:%M:%S'"),
+                              "interpolation": ("hold", "linear"), "layout": ("wide", "tall", "long", "pairs")}.items():
             value = getattr(self, name.replace("-", "_"))
             if value is not None and value not in allowed and not (name == "time-format" and "%" in value):
                 words = ("  " if name == "decimal" else ", ").join(allowed)
