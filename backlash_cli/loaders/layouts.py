@@ -98,9 +98,9 @@ class Head(Frozen):
 
     @cached_property
     def loops(self) -> list[int]:
-        """Columns that name the loop or tag of a row: the header says so, or all are texts such as FIC101."""
+        """Columns that name the loop or tag of a row: the header says so, or several such as FIC101."""
         return [i for i in self.texts + self.ids if self.plain[i] in TAG | LOOP | {"measurement"} or (
-            i in self.texts and (words := self.words(i)) and all(map(TITLE.fullmatch, words)))]
+            i in self.texts and len(words := self.words(i)) > 1 and all(map(TITLE.fullmatch, words)))]
 
     def is_time(self, column: int) -> bool:
         """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
