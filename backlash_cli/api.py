@@ -58,10 +58,9 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     return ScanResult((*reports, *map(_refused, own)), inputs, warnings, others)
 
 
-def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *,
+def scan_files(inputs: str | PathLike[str] | Sequence[str | PathLike[str]], *, jobs: int | None = 1,
                loops: str | PathLike[str] | Metadata | None = None, reading: ReadOptions | None = None,
-               options: ScanOptions | None = None, jobs: int | None = 1,
-               progress: Callable[[LoopReport], None] | None = None,
+               options: ScanOptions | None = None, progress: Callable[[LoopReport], None] | None = None,
                taken: Callable[[int], None] | None = None) -> ScanResult:
     """Read exports and analyse their loops in one go, in bounded memory; the same result as `scan(read(...))`.
 

@@ -119,10 +119,9 @@ class LoopScanner:
         on_settings: tuple[Note, ...] = ()
         if self.options.confirm and self._given and used and not follows(record, settings):
             # a contradiction limits the verdict
-            on_settings = tuple(replace(note,
-                values={"effect": "limits" if contradicts(note) else "info", **note.values})
-                for note in (*check_settings(settings, identify(record)), *clocks(record))
-                if contradicts(note) or note.code != "settings_unchecked")
+            on_settings = tuple(replace(one, values={"effect": "limits" if contradicts(one) else "info", **one.values})
+                for one in (*check_settings(settings, identify(record)), *clocks(record))
+                if contradicts(one) or one.code != "settings_unchecked")
         contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         confirmation = None
         if self.options.confirm and used >= 2:
@@ -140,9 +139,8 @@ class LoopScanner:
             else:
                 manual = manual_test(tests, self.interval, settings.K, settings.Ti)
         tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
-        warnings = [note if not tells or note.code != "manual" else
-                    replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
-                    for note in self.notes.values()]
+        warnings = [replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
+                    if tells and note.code == "manual" else note for note in self.notes.values()]
         if refusal is not None and not tells and (
                 refusal.code == "insufficient_data" or not isinstance(confirmation, Confirmation)):
             few = refusal.code == "insufficient_data" or (

@@ -180,8 +180,8 @@ def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
     said = {TO_DO[action]: [p.loop for p in places if p.action == action] for action in (PULL, "room", "watch")}
     said |= {word: done[word] for word in ("late", *SAID, "failed", "alarm")}
     parts = [f"backlash {day(last) if last is not None else 'no data'}: {counted(len(places), 'loop')}",
-             f"scanned {some(done['scanned'], 5)} (loop nights: {nights})" if done["scanned"]
-             else f"nothing new ({len(done['known'])} known)",
-             *(f"{words} {some(found, 5)}" for words, found in said.items() if found)]
+             f"scanned {some(done['scanned'], 5)} (loop nights: {nights})" if done["scanned"] else
+             f"nothing new ({len(done['known'])} known)"]
+    parts += [f"{words} {some(found, 5)}" for words, found in said.items() if found]
     parts += [f"report {config.outputs.report}"] * (config.outputs.report is not None)
     return terminal("; ".join(parts))

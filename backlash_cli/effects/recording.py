@@ -79,9 +79,8 @@ def shown(clues: Clues) -> tuple[float, str]:
 
 
 QUANTIZATION = effect("quantization", Stage.SENSOR, nothing_kept, recorded_step, fitting=Fitting(
-    fixed=("step", "hold"), bounds=bounds,
-    propose=lambda clues: [{"step": step, "hold": float(how == "held")} for step, how in [shown(clues)]
-                           if how in ("rounded", "held")]))
+    fixed=("step", "hold"), bounds=bounds, propose=lambda clues: [
+        {"step": step, "hold": float(how == "held")} for step, how in [shown(clues)] if how in ("rounded", "held")]))
 
 EXCEPTION_COMPRESSION = effect("exception_compression", Stage.SENSOR, nothing_kept, recorded_step, fitting=Fitting(
     fixed=("deviation",), bounds=bounds,

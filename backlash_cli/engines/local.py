@@ -10,10 +10,12 @@ import os
 import signal
 import threading
 import warnings
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from typing import TYPE_CHECKING, Any
@@ -21,10 +23,11 @@ from typing import TYPE_CHECKING, Any
 from ..errors import BacklashError
 from ..history.unfinished import Unfinished
 from ..loaders.clean import Recipe
-from ..loaders.signals import Joiner
+from ..loaders.signals import Axis, Joiner, Store
 from ..record import Note, Record, failure
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan_blocks
+from ..scratch import Piece, Room
 from .cluster import Item, Result, cores, on_cluster, threads
 
 if TYPE_CHECKING:
@@ -96,7 +99,28 @@ def _dealt(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable
 
 def _packed(item: Any) -> Any:
     """What is sent to another machine, which has no part in the scratch file of this one."""
-    return [loop.packed() if isinstance(loop, Recipe) else loop for loop in item] if isinstance(item, tuple) else item
+    return [with_samples(one) if isinstance(one, Recipe) else one for one in item] if isinstance(item, tuple) else item
+
+
+def with_samples(recipe: Recipe) -> Recipe:
+    """Return it with what lies in the scratch file in memory; columns of Parquet files are read where the work is."""
+    columns = defaultdict[Axis, set[str]](set)
+    for item in chain.from_iterable((*recipe.series.roles.values(), *recipe.series.extra.values())):
+        columns[item.axis] |= {f"v{i}" for i in (item.column, *item.marks)}
+
+    def taken(axis: Axis) -> Axis:
+        if not isinstance(axis.rows, Store):
+            return axis
+        store = Store(Room(1 << 62), stays=True)  # in memory
+        piece: Piece = {axis.column: axis.read()}
+        store.lexicons = axis.rows.lexicons
+        for column in columns[axis]:
+            cells = axis.cells(column)
+            piece |= {column: cells.values} | ({} if cells.codes is None else {f"{column}w": cells.codes})
+        store.add(piece)
+        return replace(axis, rows=store, which=range(len(axis)), group=0)
+
+    return replace(recipe, series=recipe.series.changed(taken))
 
 
 def _listed(group: Sequence[Loop], options: ScanOptions, keep: Unfinished | None) -> list[Found]:

@@ -219,6 +219,6 @@ def _explained(c: Confirmation) -> Note:
     evidence, crossings = float(c.details["evidence"]), float(c.details["crossings"])
     # three and six times what is asked for at least are clear and strong
     strength = "strong" if evidence > 6 * CALLED else "clear" if evidence > 3 * CALLED else "some"
-    return noted("play_fits", {"d": c.d, "evidence": evidence, "crossings": crossings}, low=100 * c.ci95[0],
-                 high=c.ci95[1], strength=strength, times=times(crossings),
-                 origin=said(f"of_output:{c.details['output']}"))
+    low, high = c.ci95
+    return noted("play_fits", {"d": c.d, "evidence": evidence, "crossings": crossings}, low=100 * low, high=high,
+                 strength=strength, times=times(crossings), origin=said(f"of_output:{c.details['output']}"))

@@ -98,11 +98,9 @@ class History(contextlib.AbstractContextManager["History"]):
                 if rows:
                     nights = sorted((r["loop"], r["start"], r["end"]) for r in rows)
                     inputs = sorted({Path(name).name for name in result.inputs})
-                    self.insert("runs", [{
-                        "digest": _digest(as_json([nights, inputs])), "first": min(n[1] for n in nights),
-                        "last": max(n[2] for n in nights), "loops": len({n[0] for n in nights}),
-                        "nights": len(nights), "inputs": inputs, "failures": _notes(result.failures),
-                        "tool": __version__}])
+                    self.insert("runs", [{"digest": _digest(as_json([nights, inputs])), "tool": __version__,
+                        "first": min(n[1] for n in nights), "last": max(n[2] for n in nights), "nights": len(nights),
+                        "loops": len({n[0] for n in nights}), "inputs": inputs, "failures": _notes(result.failures)}])
             if export is not None:
                 self.insert("exports", [dict(zip(("name", "fingerprint"), export, strict=True))])
         return done

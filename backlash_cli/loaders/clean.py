@@ -6,7 +6,6 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -48,11 +47,16 @@ class Recipe(Frozen):
     def chunks(self) -> Iterator[Record]:
         """Yield the record of a long loop in chunks; the notes of the last are those of the whole."""
         joiner, axes = Joiner(self.options.good_quality), _in_turn(self.series.roles["pv"])
-        begins = [int(axis.read(row, row + 1)[0]) for axis in axes for row in range(0, len(axis), CHUNK)]
+        pieces = [(axis, row) for axis in axes for row in range(0, len(axis), CHUNK)]
+        turns = np.cumsum([0, *(min(CHUNK, len(axis) - row) for axis, row in pieces[:-1])]) // CHUNK
+        begins = [int(axis.read(row, row + 1)[0]) for (axis, row), more in zip(
+            pieces, np.diff(turns, prepend=-1), strict=True) if more]
         ends = [*begins[1:], axes[-1].last() + 1]
-        # a look at 16 places all over: the first chunk alone does not tell ranges, codes, and what is recorded
-        places = [self.series.changed(lambda axis, k=k: axis.part(  # type: ignore[misc]
-            slice(first := len(axis) * k // 16, first + CHUNK // 100))).roles for k in range(16)]
+        # a look at some places all over: the first chunk alone does not tell ranges, codes, and what is recorded
+        count, share = max(1, 16 // len(axes)), CHUNK // 6 / self.rows
+        places = [self.series.changed(lambda axis, k=k: axis.part(slice(  # type: ignore[misc]
+            first := len(axis) * (2 * k + 1) // (2 * count), first + 1 + int(len(axis) * share / count)))).roles
+            for k in range(count)]
         look, joiner.only = _Making(self, joiner), (NAT, ends[-1])
         with contextlib.suppress(LoopError):
             look.record(replace(self.series, extra={}, roles={
@@ -74,13 +78,6 @@ class Recipe(Frozen):
         whole = repr((common, how, self.loop, values, [(note.code, note.message) for note in self.notes],
                       sorted(self.series.missing_tags.items()), parts))
         return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
-
-    def packed(self) -> Self:
-        """Return the recipe with its samples, for another machine; columns of Parquet files are read there."""
-        columns: dict[Axis, set[str]] = {}
-        for item in chain.from_iterable((*self.series.roles.values(), *self.series.extra.values())):
-            columns.setdefault(item.axis, set()).update(f"v{i}" for i in (item.column, *item.marks))
-        return replace(self, series=self.series.changed(lambda axis: axis.packed(columns[axis])))
 
     @property
     def rows(self) -> int:
@@ -198,7 +195,7 @@ class _Making:
             if outside > 0.02 and self.joiner.only is None:
                 self.notes.append(noted("outside_pv", percent=100 * outside, role=role.upper()))
         values = self._carried_on(signal, role, grid)
-        if self.spans is None and np.isfinite(values).any():
+        if not self.counts and np.isfinite(values).any():  # in the look, or in the first chunk
             self.recorded.add(role)
         return values if role in self.recorded else None
 
@@ -299,9 +296,15 @@ def _one_after_the_other(axes: list[Axis]) -> bool:
 
 def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     """The rows of a loop that tell of the samples between two stamps, with a margin on both sides."""
+    near = set[Axis]()
+    for items in loop.roles.values():
+        axes = _in_turn(items)
+        first, last = (bisect_left(axes, stamp, key=Axis.first) for stamp in (begin, end))
+        near |= {*axes[max(first - 2, 0) : last + 1]}
+
     def part(axis: Axis) -> Axis:
         first, last = (bisect_left(range(len(axis)), stamp, key=lambda row: int(axis.read(row, row + 1)[0]))
-                       for stamp in (begin, end))
+                       for stamp in (begin, end)) if axis in near else (len(axis) + MARGIN, 0)
         return axis.part(slice(max(first - MARGIN, 0), min(last + MARGIN, len(axis))))
 
     cut = replace(loop, extra={}).changed(part)

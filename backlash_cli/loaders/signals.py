@@ -1,9 +1,10 @@
 """Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
-from ..scratch import Columns, Piece, Room
+from ..scratch import Columns
 from ..settings import Metadata
 from .cells import Cells
 from .grid import NAT, Times
@@ -73,7 +74,8 @@ class Axis(Frozen, eq=False):
 
     def first(self) -> int:
         """Return the first stamp that was read, 0 if there is none."""
-        return next((int(piece[known][0]) for piece in self.pieces() if (known := piece != NAT).any()), 0)
+        pieces = chain([self.read(0, min(1, len(self)))], self.pieces())
+        return next((int(piece[known][0]) for piece in pieces if (known := piece != NAT).any()), 0)
 
     def last(self) -> int:
         """Return the last stamp, NAT if there is none."""
@@ -84,19 +86,6 @@ class Axis(Frozen, eq=False):
             line = self.first_line and self.first_line + int(chosen.start or 0)
             return replace(self, which=self.which[chosen], first_line=line)
         return replace(self, which=np.asarray(self.which)[chosen], first_line=0)
-
-    def packed(self, columns: Iterable[str]) -> Self:
-        """Return rows that lie in the scratch file of this machine with some columns in memory; others as they are."""
-        if not isinstance(self.rows, Store):
-            return self
-        store = Store(Room(1 << 62), stays=True)  # in memory
-        store.lexicons = self.rows.lexicons
-        piece: Piece = {self.column: self.read()}
-        for column in columns:
-            cells = self.cells(column)
-            piece |= {column: cells.values} | ({} if cells.codes is None else {f"{column}w": cells.codes})
-        store.add(piece)
-        return replace(self, rows=store, which=range(len(self)), group=0)
 
 
 class Series(Frozen, eq=False):

@@ -21,14 +21,14 @@ from numpy.typing import NDArray
 from ..errors import BacklashError, InputError
 from ..places import Remote
 from ..record import IntArray, Note
-from ..scratch import Room
+from ..scratch import Piece, Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
 from .layouts import Head, Layout, layout_of, of_tag, signals_of
 from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import DELIMITERS, ReadOptions
-from .signals import Axis, Piece, Series, Store
+from .signals import Axis, Series, Store
 from .sources import Source, stem_of, told_by
 from .states import mode_words
 from .times import StampReader, micros_of

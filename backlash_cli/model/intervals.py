@@ -140,8 +140,7 @@ def process_parameters(problem: Problem, fitted: Fit) -> dict[str, FittedParamet
         ("Kp", "Kp", fitted.gain, fitted.gain, "1", "static gain, PV span per OP span"),
         ("tau", "lag", lag, lag, "s", "time constant"),
         ("offset", "offset", float(fitted.coefficients[1]), turned, "PV span", "PV at no output"),
-        ("theta", "delay", delay, delay, "s", "dead time of the settings, refined"),
-    ):
+        ("theta", "delay", delay, delay, "s", "dead time of the settings, refined")):
         if (-1, key, 0) in wide and (key != "delay" or problem.delay is not None):
             off = hypot(wide[-1, key, 0], MODEL_ERROR * size, 0.5 * problem.interval * (unit == "s"))
             out[name] = FittedParameter(value, unit, (value - off, value + off) if np.isfinite(off) else None, meaning)

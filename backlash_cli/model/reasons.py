@@ -42,9 +42,8 @@ def marked(problem: Problem, gain: float, effect: FittedEffect) -> FittedEffect:
         return effect
     move, times = usual_move(problem), abs(gain) * d / problem.floor
     samples = d / move if move > 0.0 else np.inf
-    notes = [(d < HEALTHY, noted("small_gap", {"size": d, "limit": HEALTHY})),
-             (samples < FEW_SAMPLES, noted("coarse_samples", {"samples": samples})),
-             (times < TIMES_NOISE, noted("small_against_noise", {"times": times}))]
+    notes = [(d < HEALTHY, noted("small_gap", {"size": d, "limit": HEALTHY})), (samples < FEW_SAMPLES, noted(
+        "coarse_samples", {"samples": samples})), (times < TIMES_NOISE, noted("small_against_noise", {"times": times}))]
     return replace(effect, notes=tuple(note for holds, note in notes if holds))
 
 

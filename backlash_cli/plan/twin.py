@@ -141,8 +141,7 @@ class Twin(Frozen, eq=False):
             before = replace(scenario, duration=begin)
             stood = float(trace(before).output[-1])
             edges = begin + test.hold * np.arange(len(test.levels) + 1)
-            scenario = replace(scenario, manual=tuple(
-                Manual(a, b, float(np.clip(stood + test.move * level, 0.0, 1.0)))
+            scenario = replace(scenario, manual=tuple(Manual(a, b, float(np.clip(stood + test.move * level, 0.0, 1.0)))
                 for a, b, level in zip(edges, edges[1:], test.levels, strict=False)))
         run = trace(scenario)
         record = replace(export(run), settings=self.record.settings)

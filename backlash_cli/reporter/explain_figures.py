@@ -36,9 +36,8 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
     (samples,); of several, buttons choose which are shown. regions: the worst of them are shaded."""
     ((low, high), pv_unit), (op_span, op_unit) = fig.shown(settings.pv_range), fig.shown(settings.op_range)
     line = partial(fig.over_time, series.time, points=POINTS, digits=DIGITS, connectgaps=False, width=1.4)
-    lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"),
-             line(series.measured, (low, high), "PV measured", fig.MEASUREMENT),
-             line(series.output, op_span, "OP", fig.OUTPUT, yaxis="y3")]
+    lines = [line(series.setpoint, (low, high), "SP", fig.SETPOINT, width=1.2, dash="dot"), line(series.measured, (
+        low, high), "PV measured", fig.MEASUREMENT), line(series.output, op_span, "OP", fig.OUTPUT, yaxis="y3")]
     for name, values in series.inside.items():  # where the stem is as the model sees it where it does not follow OP
         if not np.allclose(values, series.output, rtol=0.0, atol=1e-9):
             lines.append(line(values, op_span, "stem (model)" if name == "valve" else plain_name(name),

@@ -14,6 +14,7 @@ import pytest
 
 from backlash_cli.api import scan, scan_files
 from backlash_cli.engines.cluster import watch
+from backlash_cli.engines.local import with_samples
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
 from backlash_cli.loaders import ReadOptions
@@ -92,7 +93,7 @@ def test_every_export_gives_the_report_of_the_local_engine(client, key, tmp_path
 def test_what_is_sent_needs_no_scratch_file(tmp_path):
     """Also of a loop that is made in chunks."""
     opened = open_plant(write_plant(tmp_path, hours=0.2), room=Room(0))
-    sent = pickle.dumps([recipe.packed() for recipe in opened.recipes])
+    sent = pickle.dumps([*map(with_samples, opened.recipes)])
     want = [recipe.record() for recipe in opened.recipes]
     del opened
     for recipe, record in zip(pickle.loads(sent), want, strict=True):

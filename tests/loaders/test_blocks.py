@@ -268,6 +268,31 @@ def test_chunks_put_together_are_the_record(tmp_path, monkeypatch, suffix, name)
         assert {n.code: n.message for n in parts[-1].notes} == {n.code: n.message for n in whole.notes}
 
 
+@pytest.mark.parametrize("hours", [600, 1700])
+def test_chunks_over_many_files_are_the_record(tmp_path, monkeypatch, hours):
+    """A file for each part of the time, and SP in files of its own that are far between; few rows of few files are
+    looked at for a chunk."""
+    whole_file = loop_export(tmp_path, "csv")
+    rows = pd.read_csv(whole_file, dtype=str)
+    (folder := tmp_path / "set").mkdir()
+    time, sp = rows.columns[0], next(name for name in rows.columns if name.endswith("SP"))
+    for first in range(0, len(rows), hours):
+        rows[first : first + hours].drop(columns=sp).to_csv(folder / f"{first:05}.csv", index=False)
+    for first in range(0, len(rows), 3 * hours):
+        rows[first : first + 3 * hours : 40][[time, sp]].to_csv(folder / f"sp{first:05}.csv", index=False)
+    monkeypatch.setattr(clean, "CHUNK", 1500)
+    monkeypatch.setattr(clean, "MARGIN", 200)
+    recipe = open_plant(folder, loops=tmp_path / "loops.toml").recipes[0]
+    assert recipe.is_long()
+    read, usual = [], signals.Axis.cells
+    monkeypatch.setattr(signals.Axis, "cells", lambda axis, column: read.append(len(axis)) or usual(axis, column))
+    parts = list(recipe.chunks())
+    assert 1 < len(parts) < 8 and sum(read) < 4 * len(rows)
+    for field in ("index", "setpoint", "measurement", "output"):
+        np.testing.assert_array_equal(np.concatenate([getattr(part, field) for part in parts]),
+                                      getattr(recipe.record(), field), err_msg=field)
+
+
 @pytest.mark.parametrize("bad, codes", [((3000, 4300), [1, 0]), ((-1, 1200), [7, 3])])
 def test_what_is_recorded_seldom_holds_from_chunk_to_chunk(tmp_path, monkeypatch, bad, codes):
     """A setpoint and a mode written on change; a status of 0 and 1 that is bad for most of a later chunk, and one whose
