@@ -30,8 +30,7 @@ from .fitting import Clues, Fitting, Values
 from .loads import clock
 from .shape import Stage, effect
 
-# delayed samples are kept in memory
-MOST_SAMPLES = 10_000_000
+MOST_SAMPLES = 10_000_000  # delayed samples are kept in memory
 
 
 def ring(p: FloatArray, interval: float, first: float) -> FloatArray:

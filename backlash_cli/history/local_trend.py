@@ -228,8 +228,7 @@ def fit(nights: Nights, ways: Iterable[Way] = tuple(BELIEF)) -> Trend:
     month = max(min(MONTH, float(last[0] - nights.days[0])), 1e-9)
     speaking = [k for k in np.argsort(-weight) if weight[k] > 1e-4]
     mean, error = (np.array(x) for x in zip(*(tried[k].foreseen(days, month) for k in speaking), strict=True))
-    # steps go on as they came
-    level = weight[speaking] @ mean[:, :-1]
+    level = weight[speaking] @ mean[:, :-1]  # steps go on as they came
     at = np.searchsorted(nights.days, data.days[data.steps])
     jumps, later = level[at] - level[at - 1], np.maximum(days - last, 0.0) / max(float(np.ptp(nights.days)), 1.0)
     mean[:, :-1] += jumps.sum() * later

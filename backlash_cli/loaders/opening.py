@@ -395,7 +395,8 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         filled = not times or any(kind(cell) == "number" or (full and cell.strip()) for cell, k in zip(own, kinds)  # noqa: B905
                                   if (k == "number" if "number" in kinds else k not in ("time", "clock", "empty")))
         begun = hits if times else hits[:1]  # where no column holds stamps the first one is the time
-        return any(begun) and filled and sum(hits) + (found.count("empty") if times else 0) >= len(wanted) / 2 and not (
+        blank = found.count("empty") * bool(times or _COUNT.match(own[0]))  # 1773734400, and one value of many
+        return any(begun) and filled and sum(hits) + blank >= len(wanted) / 2 and not (
             COMMENT.match(own[0]) and kind(own[0]) == "text")
 
     count = len(lines)

@@ -91,8 +91,9 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
         return values == (100.0 if high == 100 else 1.0), []
     if _ONE_IS_BAD.search(name) and low >= 0.0 and high <= 1.0:
         return values == 0.0, []
-    if low == high:
-        return np.full(len(values), usual in (0.0, 1.0)) & (values == usual), [noted("quality_zero")] * (usual == 0.0)
+    if low == high:  # multiples of 4 are codes of OPC for what is bad
+        good = usual == 0.0 or usual % 4.0 > 0.0
+        return (values == usual) & good, [noted("quality_one", usual=usual)] * (good and usual != 1.0)
     return values == usual, [noted("quality_code", usual=usual)]
 
 

@@ -435,7 +435,8 @@ def unit_of(known: FloatArray, name: str) -> str:
     middle, steps = float(np.median(np.abs(known))), np.abs(np.diff(known[:1000]))
     short = np.any(known % 1 != 0) and np.any(steps != 0) and float(np.median(steps[steps != 0])) < 0.5
     sizes = WORDS["stamps"]["size"] + WORDS["stamps"]["days"] * int(short)
-    if of_size := [unit for low, high, unit in sizes if low <= middle < high]:
+    least = min(middle, *np.abs(known[[0, -1]]).tolist())  # what is counted from a start begins, or ends, at about 0
+    if of_size := [unit for low, high, unit in sizes if low <= least and middle < high]:
         return str(of_size[0])
     bracket = name.lower().rstrip(")] ").replace("[", "(").rpartition("(")[2].strip()
     return next((unit for unit, ends, words in WORDS["stamps"]["name"]

@@ -69,9 +69,8 @@ def overlay(series: Series, models: Mapping[str, FloatArray], settings: LoopSett
         numbers = [name.partition(":")[0] for name in models]
         wanted = {**{number: {k} for k, number in enumerate(numbers)}, f"{numbers[0]} + {numbers[-1]}": {0, last},
                   "all": set(range(last + 1))}
-        buttons = [{"label": label, "method": "restyle", "args": [{
-            "visible": [True] * always + [place in chosen for place in range(last + 1) for _ in range(2)]}]}
-            for label, chosen in wanted.items()]
+        buttons = [{"label": label, "method": "restyle", "args": [{"visible": [True] * always + [
+            place in chosen for place in range(last + 1) for _ in range(2)]}]} for label, chosen in wanted.items()]
         layout |= {"margin": {"b": 90}, "updatemenus": [{
             "type": "buttons", "direction": "right", "x": 0, "xanchor": "left", "y": -0.12, "yanchor": "top",
             "active": -1, "showactive": True, "bgcolor": "#f2f4f6", "font": {"color": "#1d2733"}, "buttons": buttons}]}

@@ -134,8 +134,7 @@ def _wear_figure(wear: Wear) -> Figure:
     lines.append(fig.trace([fig.ms(min(times) - DAY), fig.ms(max(times) + DAY)], [limit, limit],
                            f"limit {limit:.2g} %", fig.OUTPUT, dash="dash", width=2, hoverinfo="name", hover=""))
     words = [fig.written(picture("repair found" if r.found else f"repair: {r.note}" if r.note else "repair", 30),
-                         fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4)
-             for r in wear.repairs]
+        fig.ms(r.time), 1.0, yref="paper", xanchor="left", yanchor="top", xshift=4) for r in wear.repairs]
     shapes = [fig.across("x", note["x"], fig.QUIET, width=2, dash="dashdot") for note in words]
     return fig.figure([line for line in lines if line["x"]], fig.DATES, fig.axis("dead band [% of output span]",
         rangemode="tozero"), height=420, shapes=shapes, annotations=words, margin={"t": 60})

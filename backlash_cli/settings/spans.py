@@ -30,8 +30,8 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
                 wrong = ("op_milliamps" if current and high < MOST_MA < given[1] else "op_tiny" if tiny else
                          "op_outside" if low > given[1] or high < given[0] else "")
                 if wrong:
-                    effect = {"effect": "blocks"} if wrong == "op_milliamps" else {}
-                    notes.append(noted(wrong, effect, share=TINY, low=low, high=high, end=given[1]))
+                    notes.append(noted(wrong, {"effect": "blocks"} if wrong == "op_milliamps" else {}, share=TINY,
+                                       low=low, high=high, end=given[1]))
             continue
         values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
         low, high = _bounds(values)
@@ -54,7 +54,8 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
         names = " and ".join(name for name, _, _ in guessed)
         raise LoopError(**explained("missing_range", names=names))
     for name, low, high in guessed:
-        notes.append(noted(f"guessed_{name}", {"low": low, "high": high}))
+        limits = {"effect": "limits"} if name == "op_range" else {}  # a size is in parts of this span
+        notes.append(noted(f"guessed_{name}", {"low": low, "high": high, **limits}))
     if settings.engineering:
         ratio = (loop.pv_range[1] - loop.pv_range[0]) / (loop.op_range[1] - loop.op_range[0])
         loop = replace(loop, K=None if loop.K is None else loop.K * ratio, Kp=None if loop.Kp is None

@@ -16,7 +16,7 @@ import pytest
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 
-from .exports import RANGES, ROWS, SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
 from .test_layouts import comma, same_recording, seconds
 from .test_more_layouts import packed, renamed, row
 
@@ -129,6 +129,10 @@ EXPORTS = {
     "a_quantity_is_the_measurement": Export({f"set/{loop}.csv": single(loop).replace("Time,OP,PV,SP", "Time,Valve [%],Flow rate [m3/h],Setpoint [m3/h]") for loop in RANGES}, inputs=("set",)),
     "decimal_sign_of_each_column": Export({"plant.csv": wide(delimiter=";", value=lambda n, v: cell(n, v) if n.endswith("OP") else cell(n, v).replace(".", ","))}),
     "decimal_sign_that_changes": Export({"plant.csv": "\n".join([*wide(delimiter=";").splitlines()[:301], *wide(delimiter=";", value=comma).splitlines()[301:]]) + "\n"}),
+    "microseconds_from_a_start": Export({"plant.csv": wide(lambda t: f"{(t - STAMPS[0]).total_seconds() * 1e6:.0f}", time_name="Time [us]", before="Start time: 2026-03-17 23:55:00\n\n")}, notes=("day_above",)),
+    "one_value_in_a_row_of_epochs": Export({"plant.csv": "timestamp," + ",".join(SIGNALS) + "\n" + "".join(f"{seconds(t):.0f}{',' * (k + 1)}{cell(n, v[i])}{',' * (5 - k)}\n" for i, t in enumerate(STAMPS) for k, (n, v) in enumerate(SIGNALS.items()))}),
+    "code_of_quality_that_is_the_same_everywhere": Export({"plant.csv": long(lambda n, t, v: f"{n},{iso(t)},{v},3", "Tagname,TimeStamp,Value,DataQuality")}, notes=("quality_one",)),
+    "loops_called_controller": Export({"plant.csv": wide(name=lambda n: f"{n[:6]} Controller - {dict(SP='Setpoint', PV='Process Value', OP='Output')[n[7:]]}")}, loops={f"{loop} Controller": loop for loop in RANGES}, settings=SETTINGS.replace("FIC101]", "'FIC101 Controller']").replace("PIC303]", "'PIC303 Controller']")),
     "node_beside_its_last_part": Export({"plant.csv": long(lambda n, t, v: f'"ns=2;s={n}",{n[-2:]},{iso(t)},{v},0x00000000', "NodeId,DisplayName,SourceTimestamp,Value,StatusCode")}),
 }  # fmt: skip
 

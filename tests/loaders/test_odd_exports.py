@@ -436,7 +436,7 @@ def test_values_that_are_good_for_no_part_of_their_time_are_not_used(tmp_path):
 def test_a_quality_of_zero_everywhere_is_told(tmp_path):
     text = long(lambda tag, stamp, value: f"{tag},{iso(stamp)},{value},0", "Tag,Time,Value,Quality")
     record = read(save(tmp_path, text))["FIC101"]
-    assert record.usable.all() and "quality_zero" in codes(record.notes)
+    assert record.usable.all() and "quality_one" in codes(record.notes)
 
 
 def test_an_output_that_may_be_a_current_limits_the_verdict(tmp_path):
@@ -444,6 +444,21 @@ def test_an_output_that_may_be_a_current_limits_the_verdict(tmp_path):
     (tmp_path / "loops.toml").write_text(SETTINGS.replace("op_range = [0, 100]", ""), encoding="utf-8")
     note, = (note for note in read(path)["FIC101"].notes if note.code == "op_percent")
     assert note.values["effect"] == "limits" and "op_range = [4, 20]" in note.message
+
+
+def test_a_guessed_range_of_the_output_limits_the_verdict(tmp_path):
+    path = save(tmp_path, wide(value=lambda n, v: f"{320.0 * v:.0f}" if n.endswith("OP") else cell(n, v)))
+    (tmp_path / "loops.toml").write_text("", encoding="utf-8")
+    note, = (note for note in read(path)["FIC101"].notes if note.code == "guessed_op_range")
+    assert note.values["effect"] == "limits" and "give op_range" in note.message
+
+
+@pytest.mark.parametrize(("name", "auto", "manual"), [("BA", "A", "H"), ("A/H", "A", "H"), ("Mod", "OTO", "MANUEL")])
+def test_modes_as_plants_call_them(tmp_path, name, auto, manual):
+    head, *rows = wide().splitlines()
+    lines = [f"{head},FIC101.{name}", *(f"{row},{manual if i < 100 else auto}" for i, row in enumerate(rows))]
+    record = read(save(tmp_path, "\n".join(lines) + "\n"))["FIC101"]
+    assert np.count_nonzero(record.state == SampleState.MANUAL) == 100
 
 
 def test_settings_of_one_spelling_are_not_those_of_another_loop(tmp_path):
