@@ -39,8 +39,7 @@ def all_effects() -> tuple[Effect, ...]:
 
 def _from_module(name: str) -> Effect:
     module_name, _, attribute = name.partition(":")
-    # a module beside the data counts, as it does for `python -m`
-    if os.getcwd() not in sys.path:
+    if os.getcwd() not in sys.path:  # a module beside the data counts, as it does for `python -m`
         sys.path.append(os.getcwd())
     try:
         module = importlib.import_module(module_name)

@@ -227,8 +227,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
     """Return the row of table `nights` for a report that has a time.
 
     digest: fingerprint of the row, the half periods and the carry."""
-    # a number that the verdict refused is not a point of the wear
-    claimed, s = report.claimed, report.settings
+    claimed, s = report.claimed, report.settings  # a number that the verdict refused is not a point of the wear
     d, low, high = (claimed.d, *claimed.ci95) if claimed else (None, None, None)
     found = {name: vars(evidence) for name in _EVIDENCE if (evidence := getattr(report, name)) is not None}
     row = _rounded({

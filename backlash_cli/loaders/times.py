@@ -340,8 +340,7 @@ class StampReader:
             (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
         if len(fitting) < 2:
             return fitting[0] if fitting else "dmy"
-        # with the right one the time goes on over midnight, where every other one jumps
-        jumps = {}
+        jumps = {}  # with the right one the time goes on over midnight, where every other one jumps
         for kind in fitting if len(self._open) > 1 else ():
             days = days_of(*readings[kind]).astype(np.int64)
             ahead = np.abs(np.diff(days) + (first[1:] - last[:-1]) / DAY) if days.min() != NAT else np.array([np.inf])

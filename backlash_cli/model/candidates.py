@@ -115,8 +115,7 @@ def step_times(solver: Solver, shape: Shape, count: int) -> list[tuple[float, ..
     chosen, sets = list[int](), list[tuple[float, ...]]()
     for _ in range(count):
         chosen.append(best(chosen))
-        # the others are looked at again, now that this one is there
-        for i in range(len(chosen) - 1):
+        for i in range(len(chosen) - 1):  # the others are looked at again, now that this one is there
             chosen[i] = best(chosen[:i] + chosen[i + 1 :])
         sets.append(tuple(h * k for k in sorted(chosen)))
     return sets

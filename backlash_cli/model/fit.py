@@ -150,8 +150,7 @@ class Solver:
         """Return (columns, numbers) that the inner products of the shape solved last turn into B."""
         scale = 1.0 / np.sqrt(np.maximum(self._G.diagonal(), 1e-300))[:, None]
         A = self._G * scale * scale.T
-        # a trace of damping, so that a column that does nothing gets the coefficient 0
-        A.flat[:: len(A) + 1] += 1e-10
+        A.flat[:: len(A) + 1] += 1e-10  # a trace of damping, so that a column that does nothing gets the coefficient 0
         return np.asarray(np.linalg.solve(A, scale * B) * scale)
 
     def columns(self, shape: Shape) -> FloatArray:

@@ -126,8 +126,7 @@ def problem_from_record(record: Record, seed: int = 0) -> Problem:
     for name, values in record.disturbances.items():
         grid = on_grid(values)
         if np.count_nonzero(np.isfinite(grid)) >= 0.5 * samples and np.nanstd(grid) > 0:
-            # the mean from each sample to the next: unlike OP it moves on between scans
-            signal = _interpolate(grid)
+            signal = _interpolate(grid)  # the mean from each sample to the next: unlike OP it moves on between scans
             columns[name] = 0.5 * (signal + np.append(signal[1:], signal[-1]))
     moved, floor, h = _interpolate(output), noise_floor(recorded), record.interval
     setpoint = np.nan_to_num(hold(setpoint))

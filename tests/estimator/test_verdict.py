@@ -204,6 +204,19 @@ def test_a_test_in_manual_and_normal_operation_together(automatic, manual, verdi
         assert decision.confidence <= 0.6
 
 
+@pytest.mark.parametrize(("automatic", "cluster", "verdict", "d"), [
+    (NOTHING, CLUSTER, Verdict.SUSPECTED, 0.02), (FOUND, CLUSTER, Verdict.BACKLASH, 0.03),
+    (NOTHING, replace(CLUSTER, ci95=(0.022, 0.034)), Verdict.BACKLASH, 0.02),
+    (NOTHING, replace(CLUSTER, n=2), Verdict.BACKLASH, 0.02)])
+def test_half_periods_of_a_larger_dead_band_speak_against_a_test_in_manual(automatic, cluster, verdict, d):
+    """A load that moves PV just after a step by hand passes for the answer of a valve with a small gap."""
+    decision = decide(findings(confirmation=automatic, manual=TESTED, cluster=cluster))
+    assert (decision.verdict, decision.cluster and decision.cluster.d) == (verdict, d)
+    assert decision.confidence <= 0.5 or verdict is Verdict.BACKLASH
+    if d == 0.03:
+        assert decision.confirmation is FOUND and "2.8 %" in decision.reasons[-1].message
+
+
 def test_what_a_test_in_manual_lacks_is_said():
     decision = decide(findings(manual=ONE_TURN))
     assert decision.verdict is Verdict.BACKLASH and "once in this record" in decision.reasons[-1].message
