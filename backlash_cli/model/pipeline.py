@@ -154,8 +154,7 @@ def load_regressors(problem: Problem, shape: Shape) -> FloatArray:
     h, n, tau = problem.interval, problem.samples, shape.lag
 
     def columns() -> FloatArray:
-        # what a further lag has to forget is a push of about one time constant at the start
-        kick = np.zeros(n)
+        kick = np.zeros(n)  # what a further lag has to forget is a push of about one time constant at the start
         kick[1 : 1 + max(int(tau / h), 1)] = 1.0
         pushes = [through(problem, lags, column) for part in loads for column in kept(
             problem, made_of(part), partial(load_columns, problem, part))]

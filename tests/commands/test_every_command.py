@@ -106,6 +106,7 @@ def test_the_report_of_the_night_before_is_written_over_though_it_lies_among_the
 @pytest.mark.parametrize(("arguments", "words"), [
     (["scan", "P", "--jobs", "-2"], "-2 is not in the range"), (["scan", ""], "an input has an empty name"),
     (["scan", "P", "--sample=-3"], "'-3' is no size of a sample"),
+    (["paper", "--html", "P.csv"], "a page ends in .html"),
     (["plan", "P", "--target", "-1"], "a size of -1 allows nothing")])
 def test_odd_values_are_told_as_what_they_are(arguments, words, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
