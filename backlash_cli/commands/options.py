@@ -134,8 +134,6 @@ def command(name: str) -> click.Command:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((path for path in results if results.count(path) > 1), None):
             raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
-        if (page := given.get("html")) and page.suffix not in ("", ".html", ".htm"):  # no page over an export
-            raise UsageError("a page ends in .html", where=f"--html {page}", remedy="end its name with .html")
         from ..reporter.files import told
 
         for path in results:
@@ -156,6 +154,8 @@ def command(name: str) -> click.Command:
                 if begins != REPORT:
                     raise UsageError("this is the export itself, or its settings, or a model that is read",
                                      where=f"{path}", remedy="choose another")
+        if (page := given.get("html")) and page.suffix not in ("", ".html", ".htm"):  # no page over an export
+            raise UsageError("a page ends in .html", where=f"--html {page}", remedy="end its name with .html")
         return function_of(name)(**given)
 
     words = PAGE[name]
