@@ -5,7 +5,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import IO, Any, Self
 from weakref import finalize
 
 import numpy as np
@@ -75,6 +75,11 @@ class Columns:
         self.lexicons: dict[str, Any] = {}
         self.pieces: list[Piece] = []
         self.starts: list[IntArray] = []  # of each piece: where its groups begin, or its only one
+
+    @classmethod
+    def in_memory(cls) -> Self:
+        """Return columns without a limit, which stay in memory also when they are sent."""
+        return cls(Room(1 << 62), stays=True)
 
     def add(self, piece: Piece) -> None:
         starts = np.array([0, len(next(iter(piece.values()), np.zeros(0))[:])])

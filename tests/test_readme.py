@@ -44,7 +44,7 @@ def test_settings_shown_are_understood(tmp_path):
     from backlash_cli.settings.schema import settings_of
 
     (tmp_path / "loops.toml").write_text(blocks("toml")[0])
-    values = read_metadata(str(tmp_path / "loops.toml")).of("FIC101")
+    values = read_metadata(str(tmp_path / "loops.toml")).loops["FIC101"]
     assert values is not None
     settings = settings_of(values)
     assert settings.loop.Ti == 28.0 and settings.pv_range == (0.0, 900.0)

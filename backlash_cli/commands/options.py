@@ -134,13 +134,14 @@ def command(name: str) -> click.Command:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((path for path in results if results.count(path) > 1), None):
             raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
-        from ..reporter.files import told
-
+        there = list[Path]()
         for path in results:
+            from ..reporter.files import told
+
             with told(path):  # as writing would say after the work
                 os.stat(f"{path.parent}/." if path.suffix else ".")
-                path.is_file()
-        if there := [path for path in results if path.is_file()]:
+                there += [path] * path.is_file()
+        if there:
             from ..loaders.sources import find_sidecars, find_sources
 
             inputs = given.get("inputs", ())

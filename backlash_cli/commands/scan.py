@@ -217,7 +217,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
 def _nights(recipes: Sequence[Recipe]) -> list[set[str]]:
     """Return the files of each night: of every loop one that holds its PV, and what else was recorded meanwhile."""
     nights: defaultdict[tuple[int, int], set[str]] = defaultdict(set)  # day of the first stamp, number in this day
-    extent = cache(lambda axis: (axis.first(), axis.last()))  # read once: loops share rows, and so do nights
+    extent = cache(lambda axis: (axis.first, axis.last()))  # read once: loops share rows, and so do nights
     for roles in (recipe.series.roles for recipe in recipes):
         of_pv, count = {item.axis.where: extent(item.axis) for item in roles.get("pv", ())}, Counter[int]()
         others = [(item.axis.where, *extent(item.axis)) for items in roles.values() for item in items

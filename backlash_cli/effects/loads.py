@@ -99,8 +99,7 @@ def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
         value += p[0] * hours
     piece, bends = int(place), p.size - 2
     share = place - piece
-    # bend number piece lies at the start of this piece; both ends of the line are 0
-    if 0 < piece <= bends:
+    if 0 < piece <= bends:  # bend number piece lies at the start of this piece; both ends of the line are 0
         value += (1.0 - share) * p[1 + piece]
     if piece < bends:
         value += share * p[2 + piece]

@@ -27,7 +27,6 @@ from ..loaders.signals import Axis, Joiner, Store
 from ..record import Note, Record, failure
 from ..results import LoopReport, Verdict
 from ..scanning import ScanOptions, scan_blocks
-from ..scratch import Piece, Room
 from .cluster import Item, Result, cores, on_cluster, threads
 
 if TYPE_CHECKING:
@@ -111,8 +110,8 @@ def with_samples(recipe: Recipe) -> Recipe:
     def taken(axis: Axis) -> Axis:
         if not isinstance(axis.rows, Store):
             return axis
-        store = Store(Room(1 << 62), stays=True)  # in memory
-        piece: Piece = {axis.column: axis.read()}
+        piece: dict[str, Any] = {axis.column: axis.read()}
+        store = Store.in_memory()
         store.lexicons = axis.rows.lexicons
         for column in columns[axis]:
             cells = axis.cells(column)

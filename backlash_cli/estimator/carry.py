@@ -5,11 +5,10 @@ period at which the filters have forgotten that they started at rest. The tail o
 next gives the half periods that the uncut record would have given; those after it are the same either way. Both nights
 may arrive in any order. Only a night that stays on one side of the setpoint throughout is kept as a whole."""
 
-from __future__ import annotations
-
 import math
 import zlib
 from dataclasses import replace
+from typing import Self
 
 import msgspec
 import numpy as np
@@ -47,7 +46,7 @@ class Carry(Frozen, eq=False):
     travel: float | None = None
     until: float | None = -math.inf
 
-    def fits(self, other: Carry) -> bool:
+    def fits(self, other: Self) -> bool:
         """Whether two nights ran the same filters, so that one can go on where the other ended."""
         return (self.Ti, self.Tf, self.interval) == (other.Ti, other.Tf, other.interval)
 

@@ -4,10 +4,9 @@ The terms of the law (2) are -yf, the integral of (ysp - yf), ysp and -dyf/dt, b
 window of the record has an offset of its own, so only products of what moves inside a window are summed; a fit then
 costs a few numbers a window."""
 
-from __future__ import annotations
-
 from dataclasses import field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -80,7 +79,7 @@ class LawFit(Frozen):
         """Ti [s]; infinite where gain and reset have different signs."""
         return self.gain / float(self.values[1]) if self.gain * self.values[1] > 0 else np.inf
 
-    def better_than(self, other: LawFit) -> float:
+    def better_than(self, other: Self) -> float:
         """How many standard errors this fit's residuals lie below the other's, in logarithms, window by window."""
         by = np.log(other.residuals / self.residuals)
         mean, error = by.mean(), by.std() / max(len(by) - 1, 1) ** 0.5

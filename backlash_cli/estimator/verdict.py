@@ -51,6 +51,11 @@ class Findings(Frozen):
         return tuple(note for note in self.quality if note.values.get("effect") == LIMITED)
 
     @property
+    def blocking(self) -> tuple[Note, ...]:
+        """What allows no verdict on automatic operation."""
+        return tuple(note for note in self.quality if note.values.get("effect") == "blocks")
+
+    @property
     def tight(self) -> Cluster | None:
         """The cluster, where enough of the estimates are alike."""
         c = self.cluster
@@ -97,8 +102,8 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
                                                 and not note.code.startswith("settings_")))  # in manual K is not used
     tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
-    usable = not f.swinging and all(note.values.get("effect") != "blocks" for note in f.quality)
-    larger = usable and f.cluster is not None and f.cluster.n >= ENOUGH and f.cluster.ci95[0] > c.ci95[1]
+    usable = f.cluster if f.cluster and f.cluster.n >= ENOUGH and not f.swinging and not f.blocking else None
+    larger = usable is not None and usable.ci95[0] > c.ci95[1]
     if larger and tested.verdict is Verdict.BACKLASH:  # a load that moves PV after a step passes for a small gap
         tested = replace(tested, verdict=Verdict.SUSPECTED, confidence=0.5)
 
@@ -155,9 +160,8 @@ def _width(one: Decision) -> float:
 
 
 def _in_automatic(f: Findings) -> Decision:
-    blocking = tuple(note for note in f.quality if note.values.get("effect") == "blocks")
-    if blocking:
-        return Decision(Verdict.CANNOT_TELL, blocking, 0.0, f.cluster)
+    if f.blocking:
+        return Decision(Verdict.CANNOT_TELL, f.blocking, 0.0, f.cluster)
     if isinstance(f.confirmation, Confirmation):
         return _from_confirmation(f, f.confirmation)
     if f.swinging:

@@ -8,12 +8,10 @@ is not known: every way of BELIEF is tried, and weighs as much as the nights spe
 and steps are told by the residuals (P. de Jong, J. Penzer, Diagnosing shocks in time series, JASA 93 (1998) 796-806).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from math import factorial, inf
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,9 +105,9 @@ class Nights(Frozen, eq=False):
     def __len__(self) -> int:
         return len(self.days)
 
-    def part(self, first: int, end: int) -> Nights:
+    def part(self, first: int, end: int) -> Self:
         """Return some of them."""
-        return Nights(*(column[first:end] for column in vars(self).values()))
+        return type(self)(*(column[first:end] for column in vars(self).values()))
 
     @property
     def spread(self) -> FloatArray:

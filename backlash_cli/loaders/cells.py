@@ -35,7 +35,7 @@ class Lexicon(Frozen, eq=False):
     @cached_property
     def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
         """(values, bad, units) of the texts; blank text is nan and not bad."""
-        values = plain_numbers(self.words) if self.decimal == "." else np.full(len(self.words), np.nan)
+        values = plain_numbers(self.words, self.decimal)
         units = [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
         comma = decimal_sign([self.words[i] for i in rest[:5000]], self.decimal) == ","

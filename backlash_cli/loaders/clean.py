@@ -6,6 +6,7 @@ from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Self
 
 import numpy as np
@@ -281,7 +282,7 @@ def _where_recorded(pv: Signal) -> Signal:
 
 
 def _in_turn(items: Iterable[Series]) -> list[Axis]:
-    return sorted({item.axis for item in items if len(item.axis)}, key=Axis.first)
+    return sorted({item.axis for item in items if len(item.axis)}, key=attrgetter("first"))
 
 
 def _one_after_the_other(axes: list[Axis]) -> bool:
@@ -299,7 +300,7 @@ def _window(loop: LoopSeries, begin: int, end: int) -> LoopSeries:
     near = set[Axis]()
     for items in loop.roles.values():
         axes = _in_turn(items)
-        first, last = (bisect_left(axes, stamp, key=Axis.first) for stamp in (begin, end))
+        first, last = (bisect_left(axes, stamp, key=attrgetter("first")) for stamp in (begin, end))
         near |= {*axes[max(first - 2, 0) : last + 1]}
 
     def part(axis: Axis) -> Axis:

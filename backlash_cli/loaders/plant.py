@@ -155,7 +155,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         tags = sorted({item.tag for item in series if item.tag}) or ["columns without a name"]
         raise InputError(**explained("no_loop", tags=some(tags, 12)), where=str(sources[0].path))
     # an indicator, or a column with a chance name
-    single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.of(name) is None)
+    single = sorted(name for name, own in all_loops.items() if len(own.roles) == 1 and metadata.match(name) is None)
     complete = all_loops.keys() - single or {*single}
     used = {one.tag for name in complete for kind in (all_loops[name].roles, all_loops[name].extra)
             for found in kind.values() for one in found}

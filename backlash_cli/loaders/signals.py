@@ -3,7 +3,7 @@
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import chain
 from typing import Any, Self
 
@@ -72,6 +72,7 @@ class Axis(Frozen, eq=False):
     def pieces(self) -> Iterator[IntArray]:
         return (self.read(first, min(first + PIECE, len(self))) for first in range(0, len(self), PIECE))
 
+    @cached_property
     def first(self) -> int:
         """Return the first stamp that was read, 0 if there is none."""
         pieces = chain([self.read(0, min(1, len(self)))], self.pieces())
@@ -212,7 +213,7 @@ class Joiner:
     def signal(self, series: list[Series], role: str = "") -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
         chosen, notes = _one_per_file(series, role)
-        chosen = sorted(chosen, key=lambda item: item.axis.first()) if len(chosen) > 1 else chosen
+        chosen = sorted(chosen, key=lambda item: item.axis.first) if len(chosen) > 1 else chosen
         parts = [self._part(item) for item in chosen]
         faults: Faults = parts[0].faults
         for part in parts[1:]:

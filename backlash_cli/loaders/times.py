@@ -158,8 +158,8 @@ class StampReader:
         self._scale: tuple[float, float, bool] | None = None  # as in _UNITS, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
-        self._skipped = 0  # rows in an hour that no clock shows; in the one that occurs twice, steps back since then
-        self._doubled = self._back = 0
+        self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
+        self._skipped = 0  # rows in an hour that no clock shows
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None

@@ -92,8 +92,9 @@ def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, 
     groups = {
         "the level: gain or speed change with how far OP is open": [x**2, x**3, x * speed, x * x * speed],
         "time: the gain changes in the course of the record": [time * x, time * time * x],
-        "the direction of travel: up is not like down, or a gap remains": [*(play(
-            x, 1.2 * w * travel, x[0]) - x for w in WIDTHS), *(answer(play(m, w * travel, m[0]) - m) for w in WIDTHS)],
+        "the direction of travel: up is not like down, or a gap remains": [
+            *(play(x, 1.2 * w * travel, x[0]) - x for w in WIDTHS),
+            *(answer(play(m, w * travel, m[0]) - m) for w in WIDTHS)],
         "the speed of travel: fast moves are answered unlike slow ones": [
             np.abs(speed), speed * np.abs(speed), delayed_lag(np.abs(speed), h, tau, 0.0)]}
     return linear, groups

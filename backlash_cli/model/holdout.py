@@ -7,11 +7,10 @@ Effects of the recorder say how far a recorded value may be off. A fit through r
 PV was before, and fits again: expectation and maximisation (Dempster, Laird and Rubin, J. Royal Statistical Society B
 39, 1977). Given the model, the true PV is normal about the prediction, cut off where it would be rounded otherwise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ class Tested(Frozen, eq=False):
     rmse_holdout: float
     unseen: FloatArray
 
-    def surely_worse(self, other: Tested) -> bool:
+    def surely_worse(self, other: Self) -> bool:
         """True when samples that neither has seen are predicted worse than by `other`: a t-test of the squared errors,
         block by block, as a load that passes in one of them tells little."""
         more = self.unseen**2 - other.unseen**2

@@ -70,8 +70,9 @@ def parse_model(text: str, where: str = "model file") -> Model:
     # a time without a zone is UTC
     known |= {k: (v if v.tzinfo else v.replace(tzinfo=UTC)).timestamp() for k, v in known.items()
               if isinstance(v, datetime)}
-    return Model(**known, **msgspec.structs.asdict(page.baseline), effects=tuple(_effect(entry, partial(
-        line_of, text, where, "effects", place)) for place, entry in enumerate(page.effects)))
+    return Model(**known, **msgspec.structs.asdict(page.baseline),
+                 effects=tuple(_effect(entry, partial(line_of, text, where, "effects", place))
+                               for place, entry in enumerate(page.effects)))
 
 
 def _effect(table: Mapping[str, Any], line: Callable[..., str]) -> ModelEffect:

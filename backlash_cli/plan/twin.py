@@ -119,8 +119,7 @@ class Twin(Frozen, eq=False):
         samples = int(np.ceil((begin + test.duration + around) / h))
         gain, lag, dead = np.exp(spread * random.standard_normal(3))
         p = self.process
-        # a fit with one lag or two stands for a process of more
-        lags = sum(p.lags) * lag * random.dirichlet(SEVERAL)
+        lags = sum(p.lags) * lag * random.dirichlet(SEVERAL)  # a fit with one lag or two stands for a process of more
         process = replace(p, gain=p.gain * gain, lags=tuple(lags[lags > 0.0].tolist()), dead_time=p.dead_time * dead)
         process = replace(process, gain=process.gain * min(1.0, gain_margin(c, process) / LEAST_MARGIN))
         place = random.uniform(-1.0, 1.0)

@@ -148,8 +148,9 @@ def summary(plant: PlantExplanation) -> Report:
     page takes `links`, the addresses of the loops' own pages."""
     told, found = tallies(plant), dict(Counter(e.effect for x in plant.loops for e in x.effects).most_common())
     found |= +Counter(nothing=sum(not x.effects for x in plant.loops))
-    content = {"plant": plant, "links": {}, "told": told, "counts": found, "said": {x.loop: _numbers(x) for x in
-        plant.loops}, "still": sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)}
+    content = {"plant": plant, "links": {}, "told": told, "counts": found,
+               "said": {x.loop: _numbers(x) for x in plant.loops},
+               "still": sum(any(n.code in SILENT for n in x.reasons) for x in plant.loops)}
     bars = {"type": "bar", "orientation": "h", "x": [*found.values()][::-1], "y": [*map(plain_name, found)][::-1],
             "hovertemplate": "%{y}: %{x} loops<extra></extra>"}
 

@@ -79,8 +79,9 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
     """Return rows as CSV lines that no spreadsheet runs; every text is quoted, so that a separator of another
     country's spreadsheet cannot open a new cell."""
     out = io.StringIO()
-    csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows([str(cell).lower() if isinstance(
-        cell, bool) else "" if cell is None else spreadsheet(cell) for cell in row] for row in rows)
+    csv.writer(out, quoting=csv.QUOTE_NONNUMERIC, lineterminator="\n").writerows(
+        [str(cell).lower() if isinstance(cell, bool) else "" if cell is None else spreadsheet(cell) for cell in row]
+        for row in rows)
     return out.getvalue()
 
 

@@ -2,13 +2,11 @@
 
 Times are UTC epoch seconds, signals normalised: a dead band is in spans of the controller output (0.03 = 3 %)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field, replace
 from enum import StrEnum
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +62,7 @@ class Estimates(Frozen, Sequence[Estimate], eq=False):
     def __len__(self) -> int:
         return len(self.begin)
 
-    def select(self, wanted: NDArray[np.bool_]) -> Estimates:
+    def select(self, wanted: NDArray[np.bool_]) -> Self:
         """Return some of them; wanted: (half_periods,)."""
         columns: dict[str, Any] = {n: x[wanted] for n, x in vars(self).items() if isinstance(x, np.ndarray)}
         return replace(self, **columns)

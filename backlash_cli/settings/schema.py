@@ -46,11 +46,6 @@ class Metadata(Frozen):
     files: tuple[str, ...] = ()
     conflicts: tuple[str, ...] = ()
 
-    def of(self, loop: str) -> LoopValues | None:
-        """Return the settings of a loop by its name, without regard to case where that is unambiguous."""
-        name = self.match(loop)
-        return None if name is None else self.loops[name]
-
     def part_of(self, loop: str) -> str | None:
         """Return the one loop whose name is a whole part of a longer name in the data (AREA1/FIC101, FIC101_2026)."""
         longer = _spaced(loop)
@@ -98,6 +93,7 @@ def parse_toml(text: str, where: str) -> Metadata:
 
 def parse_table(text: str, where: str) -> Metadata:
     """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
+
     Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column."""
     head = text.partition("\n")[0]
     delimiter = max(";\t,", key=head.count)
@@ -213,8 +209,9 @@ def _settings_of(values: LoopValues) -> Settings:
     given = values.values
     tuning, notes = to_ideal(given), tuple[Note, ...]()
     times = {key: seconds(given[key], key) for key in ("Tf", "theta") if key in given}
-    if wrong := [key for key, value in times.items() if value < 0]:
-        raise MetadataError(f"{wrong[0]} must not be negative", remedy=f"give {wrong[0]} in seconds")
+    for key, value in times.items():
+        if value < 0:
+            raise MetadataError(f"{key} must not be negative, not {value:g}", remedy=f"give {key} in seconds")
     gain = number(given["Kp"], "Kp") if "Kp" in given else None
     if gain == 0:
         raise MetadataError(**explained("zero_kp"))

@@ -65,8 +65,7 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
         down, at, up = open_loop(omega * np.array([1.0 - h, 1.0, 1.0 + h]))
         return bool((-slope * at / ((up - down) / (omega * 1j))).real < 0.0)
 
-    # along w, d/a follows from the phase of N and the size decides
-    grid = _frequencies(controller, process)
+    grid = _frequencies(controller, process)  # along w, d/a follows from the phase of N and the size decides
     values = excess(grid)
     spans = np.flatnonzero((values[:-1] * values[1:] < 0.0) & (d > 0.0))
     roots = [float(brentq(lambda w: float(excess(w)), grid[k], grid[k + 1], xtol=1e-12)) for k in spans]

@@ -5,11 +5,9 @@ find the controller instead of the process, because loads move PV first and OP f
 compared through the filter that makes the unexplained part white (prediction error method, consistent in closed loop;
 Ljung, System Identification, 2nd ed., chapter 13), and large shocks count little (Huber 1964)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -98,7 +96,7 @@ class Fit(Frozen, eq=False):
         scale = spread(y - gain * g)
         return float(2.0 * np.sum(huber(SHOCK, y / scale) - huber(SHOCK, (y - gain * g) / scale))), gain, y - gain * g
 
-    def whitened_by(self, shape: FloatArray) -> Fit:
+    def whitened_by(self, shape: FloatArray) -> Self:
         """Return the fit with the filter that whitens what a shape leaves: autoregression by weighted least squares."""
         left = replace(self, whitening=np.ones(1)).match(shape)[2]
         rows, target = sliding_window_view(left, ORDER)[:-1, ::-1], left[ORDER:]

@@ -28,14 +28,14 @@ reset = "2 /min"
 
 def test_defaults_hold_where_a_loop_says_nothing():
     metadata = parse_toml(GOOD, "loops.toml")
-    settings = settings_of(metadata.of("FIC101"))
+    settings = settings_of(metadata.loops["FIC101"])
     assert (settings.loop.K, settings.loop.Ti, settings.loop.Kp) == (0.6, 30.0, 1.5)
     assert settings.loop.source == {
         "K": "metadata", "Ti": "metadata", "Kp": "default", "pv_range": "metadata", "op_range": "metadata"
     }  # fmt: skip
     assert settings.pv_range == (0.0, 900.0)
     # the default Ti does not stand beside the loop's own reset
-    assert settings_of(metadata.of("Druck Ö1 (Süd)")).loop.K == 2.0
+    assert settings_of(metadata.loops["Druck Ö1 (Süd)"]).loop.K == 2.0
     assert settings_of(metadata.fallback()).loop.Ti == 30.0
 
 
@@ -78,15 +78,15 @@ def test_mistakes_are_placed(text, where, words):
 def test_wrong_values_name_key_and_remedy(values, words):
     metadata = parse_toml(f"[loops.A]\nK = 1\nTi = 2\n{values}\n", "x")
     with pytest.raises(MetadataError, match=words) as caught:
-        settings_of(metadata.of("A"))
+        settings_of(metadata.loops["A"])
     assert caught.value.remedy
 
 
 def test_gain_signs_belong_together():
-    settings = settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = 1.2\n", "x").of("A"))
+    settings = settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = 1.2\n", "x").loops["A"])
     assert settings.loop.Kp == -1.2
     assert [note.code for note in settings.notes] == ["kp_sign"]
-    assert not settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = -1.2\n", "x").of("A")).notes
+    assert not settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = -1.2\n", "x").loops["A"]).notes
 
 
 def test_table_with_the_same_keys(tmp_path):
@@ -95,16 +95,16 @@ def test_table_with_the_same_keys(tmp_path):
         "loop;K;Ti;pv_range;op_range;Kp\ndefaults;;;;0..100;1.5\nFIC101;0,6;0,5 min;0..900;;\nLIC1;1;20;[0, 5];;2\n"
     )
     metadata = read_metadata(path)
-    settings = settings_of(metadata.of("FIC101"))
+    settings = settings_of(metadata.loops["FIC101"])
     assert (settings.loop.K, settings.loop.Ti, settings.loop.Kp) == (0.6, 30.0, 1.5)
     assert (settings.pv_range, settings.op_range) == ((0.0, 900.0), (0.0, 100.0))
-    assert settings_of(metadata.of("LIC1")).loop.Kp == 2.0
+    assert settings_of(metadata.loops["LIC1"]).loop.Kp == 2.0
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "cp1252"])
 def test_a_table_as_spreadsheets_save_it(tmp_path, encoding):
     (tmp_path / "loops.csv").write_bytes("loop\tK\tTi\nÖl 1\t0,6\t20\n".encode(encoding))
-    assert settings_of(read_metadata(tmp_path / "loops.csv").of("Öl 1")).loop.K == 0.6
+    assert settings_of(read_metadata(tmp_path / "loops.csv").loops["Öl 1"]).loop.K == 0.6
 
 
 def test_settings_called_as_the_exports_without_their_day(tmp_path):
@@ -123,8 +123,8 @@ def test_the_settings_nearest_to_the_data_count_first(tmp_path):
 
 def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
     table = parse_table("loop;sp;pv;op\nA;405,5;FT1;FV1\nB;9.6;;\nC;1011;1012;1013\nD;SC1;FT2;FV2\n", "t.csv")
-    assert [settings_of(table.of(name)).constant_setpoint for name in "ABCD"] == [405.5, 9.6, None, None]
-    assert (table.of("C").values["sp"], table.of("D").values["sp"]) == ("1011", "SC1")
+    assert [settings_of(table.loops[name]).constant_setpoint for name in "ABCD"] == [405.5, 9.6, None, None]
+    assert (table.loops["C"].values["sp"], table.loops["D"].values["sp"]) == ("1011", "SC1")
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_tags_may_be_numbers():
     metadata = parse_toml("[loops.A]\nsp = 1001\npv = 1002\nop = 1003\n[loops.B]\nsp = 45\npv = 'FT2'\n", "f.toml")
     assert metadata.loops["A"].tags == {"sp": "1001", "pv": "1002", "op": "1003"}
     assert metadata.loops["B"].tags == {"pv": "FT2"}
-    assert [settings_of(metadata.of(loop)).constant_setpoint for loop in "AB"] == [None, 45.0]
+    assert [settings_of(metadata.loops[loop]).constant_setpoint for loop in "AB"] == [None, 45.0]
 
 
 def test_files_that_are_no_metadata(tmp_path):
