@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import signal
 import sys
 import threading
@@ -60,7 +61,10 @@ def main() -> None:
     code = _guarded(sys.argv[1:])
     if code > 128:
         # Stopped from outside: libraries may still be at work in threads of their own, which do not all survive
-        # an orderly end of the interpreter. Everything of ours is cleaned up by now.
+        # an orderly end of the interpreter. Everything of ours is cleaned up by now but the socket of our processes.
+        from multiprocessing.util import get_temp_dir
+
+        shutil.rmtree(get_temp_dir(), ignore_errors=True)
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)

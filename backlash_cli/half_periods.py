@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from .record import PIECE, FloatArray, Frozen, IntArray, Record, SampleState
 
@@ -43,7 +43,7 @@ class DoubleLag(Frozen):
         parts = []
         for first, last in pairwise([0, *firsts, len(values)]):
             state = self.settled(values[first]) if first else state
-            part, state = lfilter(self.numerator, self.denominator, values[first:last], zi=state)
+            part, state = scipy.signal.lfilter(self.numerator, self.denominator, values[first:last], zi=state)
             parts.append(part)
         return parts[0] if len(parts) == 1 else np.concatenate(parts), state
 

@@ -1,17 +1,23 @@
 """backlash plan and compensate: advice to a person, found by simulating the loop of a record."""
 
+import contextlib
+import hashlib
 import os
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
+import numpy as np
+
+from .._version import __version__
 from ..engines.local import answers
-from ..engines.plan import kept_plan
-from ..errors import LoopError
+from ..errors import BacklashError, LoopError
 from ..plan import Move, PlanOptions
-from ..record import Note
+from ..plan import plan as plan_of
+from ..record import Note, Record
 from ..reporter import advice
-from ..reporter.files import form_of
+from ..reporter.files import form_of, make_folder, write_text
 from ..reporter.safe import counted
 from ..results.advice import LoopPlan
 from ..simulator.compensation import compensate as study_of
@@ -47,6 +53,24 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
     made = {"html": report.page, "text": report.text, "json": report.json, "csv": lambda: advice.plans_csv(plans)}
     put(output, made[form](), counted(len(plans), "plan"))
     return say_failures("not planned", failures)
+
+
+def kept_plan(record: Record, options: PlanOptions, folder: Path | None) -> LoopPlan | None:
+    """Return the plan of one loop, from the folder where it is kept there; None where the scan has decided the loop."""
+    if folder is None:
+        return plan_of(record, options)
+    said = (__version__, record.loop, record.start, record.interval, record.settings, options)
+    name = hashlib.sha256(repr(said).encode("utf-8", "backslashreplace"))
+    for values in (record.index, record.setpoint, record.measurement, record.output, record.state):
+        name.update(b"" if values is None else np.ascontiguousarray(values).data)
+    kept = folder / f"{name.hexdigest()[:32]}.json"
+    with contextlib.suppress(OSError, msgspec.DecodeError):  # none there, or from another version
+        return msgspec.json.decode(kept.read_bytes(), type=LoopPlan | None)
+    found = plan_of(record, options)
+    with contextlib.suppress(OSError, BacklashError):  # a plan that cannot be kept is made again next time
+        make_folder(folder)
+        write_text(kept, msgspec.json.encode(found).decode())
+    return found
 
 
 def compensate(loop: str, process_text: str | None, dead_band: str | None, html: Path | None, json_file: Path | None,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from .. import api
 from ..check import LoopCheck, check_loop
-from ..engines.local import answers
+from ..engines.local import answers, context_of_processes
 from ..errors import BacklashError, UsageError, some
 from ..history.store import History
 from ..history.unfinished import Unfinished
@@ -36,6 +36,7 @@ from .terminal import emit, progress, put, refusal, say, say_failures, say_if_fi
 if TYPE_CHECKING:
     from distributed import Client
 
+MUCH = 1 << 26  # bytes of exports from which on one process is hardly enough
 LONG = 1.5 * 86400.0  # seconds; more than this is more than one night
 YEAR = 365 * 86400.0  # times below this are counted from the start of the recording, not from 1970
 
@@ -146,8 +147,8 @@ class Job:
 
     def scan(self, night: Sequence[Source] | None = None) -> ScanResult:
         """Return the result of all files, or of those of a night."""
-        gc.freeze()  # the program itself holds no garbage: looking it through took a tenth of a scan
         plant = self.plant if night is None else self._open(night)
+        gc.freeze()  # neither program nor files hold garbage: looking them through took a tenth of a scan
         if night is None and self.keep is not None:
             self.taken_over = sum(recipe.key in self.keep.known for recipe in plant.recipes)
             if self.keep.resumed and self.shown:
@@ -165,6 +166,8 @@ class Job:
         size, inputs = None, self.export.inputs  # of all files on this machine
         with contextlib.suppress(BacklashError, OSError):
             size = sum(one.path.stat().st_size for one in night or find_sources(inputs) if isinstance(one.path, Path))
+            if size > MUCH and self.jobs != 1 and self.client is None:
+                context_of_processes()  # loads what it needs while the files are opened
         with progress("reading", size, shown=self.shown, of_bytes=True) as taken:
             return open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
                               salt=None if self.keep is None else repr(self.options), only=night)

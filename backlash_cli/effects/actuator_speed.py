@@ -1,8 +1,7 @@
 """Speed of the actuator, the same both ways or not.
 
 Rate limit: the position runs to the command with at most `rate` spans per second, so large moves arrive late. The
-output sample is the mean position over the sample interval, which keeps a slow process behind it exact to second order
-in interval / lag.
+output sample is the mean position over the interval, exact for a slow process to second order in interval / lag.
 
 >>> RATE_LIMIT.apply([0.0, 0.25, 0.25, 0.25, 0.25], RATE_LIMIT.pack(rate=0.1), interval=1.0).round(4).tolist()
 [0.0, 0.05, 0.15, 0.2375, 0.25]

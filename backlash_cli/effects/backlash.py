@@ -1,8 +1,7 @@
 """Play and friction: what follows a command only after it has turned and moved some way.
 
 Backlash: play between actuator and stem. The stem stays where it is while the command moves inside the gap d, then
-follows it half a gap behind: x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (Fig. 2 of the
-source).
+follows it half a gap behind: x = u - d/2 while it is pushed up, x = u + d/2 while it is pulled down (source: Fig. 2).
 
 >>> EFFECT.apply([0.5, 0.7, 0.9, 0.8, 0.6, 0.4], EFFECT.pack(d=0.2), interval=1.0).round(2).tolist()
 [0.5, 0.6, 0.8, 0.8, 0.7, 0.5]
@@ -10,8 +9,7 @@ source).
 Stiction, Kano's two-parameter model: the stem sticks, jumps, then slides behind the command. S is the dead band plus
 the stick band, J the slip jump. A resting stem holds while the command is within (S + J)/2 of it (static friction),
 jumps to (S - J)/2 behind the command (moving friction) and slides there with slope 1 until the command turns or rests.
-J = 0 is backlash with d = S. With restick = 1 the stem sticks again after every sample (He's model), so a ramp makes a
-staircase of steps J.
+J = 0 is backlash with d = S. With restick = 1 it sticks again after every sample (He's model): a ramp makes steps of J.
 
 >>> p = STICTION.pack(S=0.4, J=0.2, position=-1/3)
 >>> STICTION.apply([0.0, 0.15, 0.25, 0.5, 0.45, 0.2, 0.05], p, interval=1.0).round(2).tolist()

@@ -10,8 +10,7 @@ Quantization: transmitter or recorder rounds to a step, or repeats the old value
 [0.5, 0.503, 0.508]
 
 Exception compression: the recorder keeps the old value until the signal has moved by more than a deviation. A
-historian that draws straight lines between kept values instead is `simulator.scenario.draw_lines`, which needs the
-whole record.
+historian that draws straight lines between kept values is `simulator.scenario.draw_lines`: it needs the whole record.
 
 >>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
 >>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()

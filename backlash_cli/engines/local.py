@@ -5,6 +5,7 @@ with it, becomes a report with verdict `error`; the others go on."""
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -18,6 +19,8 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from itertools import chain
+from multiprocessing.context import BaseContext
+from multiprocessing.forkserver import ensure_running
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklashError
@@ -190,14 +193,27 @@ def _no_answer(record: Record, reason: Note) -> Note:
     return Note(reason.code, said, {**reason.values, "loop": record.loop})
 
 
+def context_of_processes() -> BaseContext:
+    """Begin, where it does not run yet, the process that has loaded what a scan needs and of which all others are
+    forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
+    folder for its socket) every process is begun anew."""
+    try:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload([__name__, "backlash_cli.kernels", "scipy.signal", "pandas"])
+        with _stops_wait():
+            ensure_running()
+        return context
+    except (ImportError, OSError, ValueError):
+        return multiprocessing.get_context("spawn")
+
+
 def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
                  ) -> Iterator[Result]:
     """Yield the result of `work` for every item, in order, worked out in `count` processes.
 
     work: can be pickled, and answers for its own failures. lost: makes the result of an item whose process died. Raises
     BacklashError where no process starts."""
-    # spawn: a fork would copy the threads of numba and pyarrow in an unknown state
-    context = multiprocessing.get_context("spawn")
+    context = context_of_processes()
     others, started = set(multiprocessing.active_children()), context.Event()
     pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(started,))
     try:
@@ -252,6 +268,7 @@ def _stops_wait() -> Iterator[None]:
 
 def _begin(started: Event) -> None:
     started.set()
+    gc.freeze()  # what was loaded before is no garbage
     warnings.simplefilter("ignore")  # as in the first process: remarks of libraries to programmers
     # Ctrl-C reaches every process of the terminal; only the first one answers it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -40,8 +40,7 @@ def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[floa
 def recommend(cluster: Cluster | None, confirmation: Confirmation | None, *, derivative: bool,
               output_noise: float, oscillating: bool = False) -> Compensator | None:
     """Return the gain delta [span of output] for scheme (9), `gain_share` of the lower end of the interval of d, None
-    where compensation would do harm. oscillating: most of the time: an integrating process, tuning or a load, which no
-    gain heals."""
+    where compensation would do harm. oscillating: most of the time, by integrator, tuning or load: no gain heals it."""
     best = confirmation or cluster
     if best is None or oscillating:
         return None

@@ -159,8 +159,7 @@ def fit_law(rows: LawRows, form: LawForm, filter_time: float = 0.0) -> LawFit | 
 
 
 def search_filter(rows: LawRows, form: LawForm, longest: float, rounds: int = 0) -> list[LawFit]:
-    """Fits without filter and with times of a geometric grid up to `longest` [s], then `rounds` times closer to the
-    best; best first."""
+    """Fits, best first, without filter and with times of a grid up to `longest` [s], `rounds` times refined."""
     shortest, step = 0.25 * rows.interval, 4.0
     fits: list[LawFit] = []
     count = int(np.log(max(longest / shortest, 1.0)) / np.log(step)) + 1

@@ -116,8 +116,7 @@ def _kind(cycle: wave.MeanCycle, height: float, lasting: float) -> str:
 
 
 def _longest_stretch(record: Record) -> FloatArray:
-    """Setpoint, measurement and output (3, samples) of the end of the longest stretch without gap; an OP that was not
-    recorded is 0."""
+    """Setpoint, measurement and output (3, samples) at the end of the longest stretch without gap; no OP is 0."""
     output = np.zeros(len(record)) if record.output is None else record.output
     signals = np.array([record.setpoint, record.measurement, output])
     use = np.flatnonzero(record.usable & np.isfinite(signals).all(0))

@@ -61,8 +61,7 @@ def gate(duration: ArrayLike, dy: ArrayLike, e_max: ArrayLike, complete: ArrayLi
 
 
 def estimate(segments: Segments, interval: float, settings: LoopSettings, start: float = 0.0) -> Estimates:
-    """Return the estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds); K and Ti
-    must be known."""
+    """Estimates (15) of all half periods of a record that begins at `start` (UTC epoch seconds), K and Ti known."""
     s, K, Ti, Kp = segments, settings.K, settings.Ti, settings.Kp or DEFAULT_KP
     assert K is not None and Ti is not None
     duration = (s.end - s.begin) * interval

@@ -162,8 +162,7 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
     """Fit the prediction of block means; None where too few blocks can be used.
 
     deviation: of PV, in its units, not zero; rounding: what recording leaves in means. most: rows; of more, every
-    second, third .. is taken, each with all that lies before it. Several recordings share one prediction, each with a
-    level of its own."""
+    second, third .. is taken, each with all that lies before it. Recordings share one prediction, not the level."""
     lags = lags_for(sum(len(b.usable) for b in recordings))
     whole = [_usable_rows(b, lags) for b in recordings]
     used = [i for i, rows in enumerate(whole) if len(rows) > (LEAST_ROWS if len(recordings) > 1 else 0)]
@@ -249,8 +248,7 @@ def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64
 
 
 def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Coefficients (columns,), Student weights (rows,), H times their root and its Gram matrix, of the regression of y
-    on H."""
+    """Of y regressed on H: coefficients (columns,), Student weights (rows,), H times their root, its Gram matrix."""
     w, weighted, variance = np.ones(len(y)), np.empty_like(H), np.inf
     for again in range(ROUNDS + 1):
         root = np.sqrt(w)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from math import ceil, exp, log
 
 import numpy as np
-from scipy.signal import correlate
+import scipy
 
 from ..record import Frozen, LoopSettings, Note, Record
 from ..words import noted, said
@@ -104,7 +104,7 @@ def clocks(record: Record) -> tuple[Note, ...]:
     kept = use[2:] & use[1:-1] & use[:-2] & (last.index[2:] - last.index[:-2] == 2) & np.isfinite(bent).all(0)
     pv, op = np.where(kept, bent, 0.0)
     middle = slice(max(len(pv) - 1 - FARTHEST, 0), len(pv) + FARTHEST)
-    seen = -np.sign(last.settings.K) * correlate(op, pv, method="fft")[middle]
+    seen = -np.sign(last.settings.K) * scipy.signal.correlate(op, pv, method="fft")[middle]
     most, centre = float(seen.max()), min(FARTHEST, len(pv) - 1)
     late = int(np.argmax(seen)) - centre
     usual = seen[centre + EARLY + 1 : centre + LATE].max()  # as large in a swing of few samples

@@ -8,9 +8,8 @@ process. A sticking valve looks the same as one with a gap here: with the slip j
 of 600 simulated loops with and without a jump were explained no better."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import correlate
 
 from ..record import FloatArray, Frozen
 
@@ -32,13 +31,13 @@ def autocorrelation(values: FloatArray, lags: int) -> FloatArray:
     """Correlation of `values` now with those 0, 1 ... lags - 1 samples later, unbiased, over their variance."""
     n, flat = len(values), values - values.mean()
     power = float(flat @ flat)
-    raw = correlate(flat, flat, method="fft")[n - 1 : n - 1 + lags]
+    raw = scipy.signal.correlate(flat, flat, method="fft")[n - 1 : n - 1 + lags]
     return np.asarray(raw / power * (n / (n - np.arange(lags)))) if power > 0 else np.zeros(lags)
 
 
 def moving_mean(values: FloatArray, width: float) -> FloatArray:
     """Centred mean over `width` samples."""
-    return np.asarray(uniform_filter1d(values, max(round(width), 1)))
+    return np.asarray(scipy.ndimage.uniform_filter1d(values, max(round(width), 1)))
 
 
 def find_period(values: FloatArray) -> tuple[float, float]:

@@ -53,8 +53,7 @@ def join(before: Carry, start_before: float, night: Carry, start: float, setting
 def distinct(half_periods: list[Estimate]) -> list[Estimate]:
     """Return half periods in time order with no moment counted twice, where exports overlap.
 
-    The accepted ones go first, then the complete ones; one that shares more than half of itself with a kept one is
-    left out."""
+    The accepted ones go first, then the complete ones, but those that share more than half with a kept one."""
     kept: list[Estimate] = []
     for p in sorted(half_periods, key=lambda p: (not p.accepted, p.why == "incomplete", -p.dt_s, p.start)):
         place = bisect_left(kept, p.start, key=lambda q: q.start)

@@ -199,8 +199,7 @@ def curvature(solver: Solver, shape: Shape) -> tuple[FloatArray, FloatArray]:
 
 
 def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
-    """Return the change of the whitened prediction per unit of each searched number, (samples, numbers); the linear
-    numbers stay."""
+    """Return the change of the whitened prediction (samples, numbers) per unit of each number that is not linear."""
     c = solver.solve(shape)[0]
     here = predict(solver.problem, shape, c)
     D = []

@@ -110,8 +110,7 @@ def plan(record: Record, options: PlanOptions | None = None, report: LoopReport 
 
 @dataclass
 class Subject:
-    """One loop on the desk: its record and what the scan said of it, its twins with the target's dead band and with
-    none."""
+    """One loop on the desk: its record, what the scan said, its twins with the target's dead band and without."""
 
     record: Record
     worn: Twin

@@ -67,8 +67,7 @@ def strict(value: Any) -> Any:
 
 
 def fields_of(value: Any, *without: str) -> dict[str, Any]:
-    """Return the fields of a result by name, moments as ISO 8601 in UTC, but for those named and those that its `repr`
-    leaves out, too."""
+    """Return the fields of a result by name, moments as ISO 8601 in UTC, without those named or not in its `repr`."""
     told = {f.name: getattr(value, f.name) for f in fields(value) if f.repr and f.name not in without}
     return told | {name: iso_time(told[name]) for name in MOMENTS if name in told}
 

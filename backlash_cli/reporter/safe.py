@@ -67,8 +67,7 @@ def spreadsheet(value: object) -> object:
 
 
 def asked() -> str:
-    """Return the command line as a page may tell it: without what an address holds before @ and behind ?, which may be
-    a password."""
+    """Return the command line as a page may tell it: without what may be a password: before @, behind ?."""
     words = (re.sub(r"://(?:[^/@]*@)?([^?]*).*", r"://\1", word) for word in ASKED.get())
     return terminal(shlex.join(["backlash", *words]), 400) if ASKED.get() else ""
 

@@ -104,8 +104,7 @@ def rung(step: Step) -> str:
 
 
 def effect_name(effect: str, e: Explanation) -> str:
-    """The name of an accepted effect, with its look-alikes where the record cannot tell them apart; whether it is
-    likely."""
+    """The name of an accepted effect, with look-alikes that the record cannot tell apart; whether it is likely."""
     sure = next((x.confidence for x in e.effects if x.effect == effect), "")
     twins = [b for a, b in e.look_alikes if a == effect and sure != "stand_in"]
     return " or ".join(plain_name(name) for name in sorted([effect, *twins])) + " (likely)" * (sure == "likely")

@@ -46,8 +46,7 @@ class Estimate(Frozen):
 
 
 class Estimates(Frozen, Sequence[Estimate], eq=False):
-    """The half periods of one loop as columns, (half_periods,) arrays of forty bytes a row: read like a tuple of
-    Estimate."""
+    """The half periods of one loop as columns (half_periods,), forty bytes a row: read like a tuple of Estimate."""
 
     origin: float
     begin: FloatArray  # seconds since `origin`

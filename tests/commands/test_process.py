@@ -64,9 +64,11 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
     code = SLOW.replace("if len(calls) == 2:", "if False:")
     script = tmp_path / "slow.py"
     script.write_text(code.replace("main()\n", "if __name__ == '__main__':\n    main()\n"))
+    (tmp_path / "t").mkdir()
     for delay in (0.5, 1.3):
         running = subprocess.Popen([sys.executable, str(script), "scan", str(plant), "--jobs", "2"],
-                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+                                   env={**os.environ, "TMPDIR": str(tmp_path / "t")})
         time.sleep(delay)
         running.send_signal(signal.SIGTERM)
         _, err = running.communicate(timeout=20)
@@ -77,21 +79,29 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
             while time.time() < until:
                 os.killpg(running.pid, 0)
                 time.sleep(0.05)
+        assert not [*(tmp_path / "t").glob("pymp-*")]
+
+
+def test_processes_begin_where_no_socket_can_be_made(plant, tmp_path):
+    """In a temporary folder whose name is too long for one."""
+    (long := tmp_path / ("t" * 120)).mkdir()
+    ended = subprocess.run([sys.executable, "-m", "backlash_cli", "scan", str(plant), "--jobs", "2"],
+                           capture_output=True, text=True, timeout=60, env={**os.environ, "TMPDIR": str(long)})
+    assert ended.returncode == 0 and "Traceback" not in ended.stderr
+    assert "3 loops: 2 backlash" in ended.stdout
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stop_while_another_process_is_begun_leaves_no_traceback(plant, tmp_path, number):
     """Between its start and the moment when it was told what to do; Ctrl-C reaches it as well."""
     script = tmp_path / "begun.py"
-    script.write_text("import os, multiprocessing.util as util, backlash_cli.__main__\n"
-                      "real = util.spawnv_passfds\n"
-                      "def begun(path, arguments, fds):\n"
-                      "    child = real(path, arguments, fds)\n"
-                      "    if 'spawn_main' in str(arguments):\n"
-                      f"        os.kill(os.getpid(), {int(number)})\n"
-                      f"        {int(number)} == {int(signal.SIGINT)} and os.kill(child, {int(number)})\n"
-                      "    return child\n"
-                      "util.spawnv_passfds = begun\n"
+    script.write_text("import os, multiprocessing.popen_forkserver as forking, backlash_cli.__main__\n"
+                      "real = forking.Popen._launch\n"
+                      "def begun(self, process):\n"
+                      "    real(self, process)\n"
+                      f"    os.kill(os.getpid(), {int(number)})\n"
+                      f"    {int(number)} == {int(signal.SIGINT)} and os.kill(self.pid, {int(number)})\n"
+                      "forking.Popen._launch = begun\n"
                       "if __name__ == '__main__':\n    backlash_cli.__main__.main()\n")
     ended = subprocess.run([sys.executable, str(script), "scan", str(plant), "--jobs", "2"], capture_output=True,
                            text=True, timeout=30)

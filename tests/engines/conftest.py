@@ -47,6 +47,7 @@ def _lives(number):
     try:
         with open(f"/proc/{number}/stat") as file, open(f"/proc/{number}/cmdline") as command:
             ended = file.read().rpartition(")")[2].split()[0] == "Z"
-            return not ended and "resource_tracker" not in command.read()  # Python's own, one for the whole run
+            own = command.read()  # Python's own processes are there for the whole run
+            return not ended and "resource_tracker" not in own and "forkserver" not in own
     except OSError:
         return False
