@@ -123,8 +123,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
 
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
     period. open_: what the previous block left open. Returns the half periods that ended inside this block, the one
-    left open, and the number of complete ones that are not returned, as their area [span samples] or length [samples]
-    is below least."""
+    left open, and the number of complete ones below the least area [span samples] or length [samples]."""
     if not len(error):
         return Segments.join([]), open_, 0
     if open_ is None:  # as if the first error had stood there one sample before, less the area of that step
@@ -189,9 +188,8 @@ class ErrorScanner:
     """Filters the measurement block by block and cuts two errors into half periods.
 
     `plain` is the error after the measurement filter (3), for the oscillation detector; `smooth` after the second
-    filter of Ti/2 as well, for the estimator. The filters run on through manual operation and saturation, where the
-    measurement is still true, and start afresh at rest after a hole. Half periods end at any sample that must not
-    be used.
+    filter of Ti/2 as well, for the estimator. The filters run on through manual operation and saturation, where PV
+    is still true, and start afresh at rest after a hole. Half periods end at any sample that must not be used.
 
     least: area of plain and length of smooth half periods, see ErrorTrack."""
 

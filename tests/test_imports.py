@@ -39,7 +39,7 @@ ALLOWED = {
     "reporter": set(),
     "history": {"estimator", "scanning", "selection"},
     "plan": {"effects", "estimator", "scanning", "simulator"},
-    "engines": {"plan", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
+    "engines": {"loaders", "scanning", "history"},
     "api": {"engines", "loaders", "settings", "scanning", "model", "simulator", "history", "reporter"},
     "commands": {
         "api", "check", "engines", "loaders", "places", "scanning", "estimator", "model", "plan", "simulator",

@@ -46,8 +46,7 @@ def output_noise(noise: float, interval: float, settings: LoopSettings) -> float
 
 def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, interval: float,
                       noise: float) -> tuple[Cluster | None, tuple[Note, ...]]:
-    """Return the densest group of estimates, the effect of noise on OP added, None without any; and what is worth a
-    note.
+    """Return the densest group of estimates, noise on OP allowed for, or None; and what is worth a note.
 
     moved: (half_periods,) how far the setpoint moved [span]. noise: standard deviation of the fast noise on PV [span].
     """

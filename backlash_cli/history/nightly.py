@@ -29,8 +29,7 @@ Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
 
 class Outputs(Page, frozen=True):
-    """report: .html file or folder; scan: report of each night, `{date}` in its name; trend: JSON file; keep: how many
-    scan reports stay."""
+    """report: .html or folder; scan: of each night, `{date}` in its name; trend: JSON; keep: how many scans stay."""
 
     report: Path | None = None
     scan: Annotated[str, msgspec.Meta(pattern=r"(?i)\{date.*\.(html|json|csv|parquet)$")] | None = None

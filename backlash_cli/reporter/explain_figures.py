@@ -105,8 +105,7 @@ def plane(series: Series, settings: LoopSettings) -> Figure:
 
 
 def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: float) -> list[tuple[str, str, Figure]]:
-    """The residual of each model against what it may depend on: title, what to look for, figure. predictions: model ->
-    PV (samples,)."""
+    """Residuals of each model against what they may depend on: title, what to see, figure. predictions: model -> PV."""
     h = float(np.median(np.diff(series.time))) if len(series.time) > 1 else 1.0
     since, upward = since_reversal(series.output)
     early = (since >= 0) & (since < np.quantile(since[since >= 0], 0.9) if np.any(since >= 0) else False)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..estimator.compensator import HYSTERESIS, gain_share
+from ..estimator.settings_check import contradicts
 from ..kernels import gap_crossings
 from ..model.problem import noise_floor
 from ..record import FloatArray, Frozen, Note, Record, SampleState
@@ -93,6 +94,8 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     settings = report.settings
     if settings.K is None or settings.Ti is None:
         raise LoopError(**explained("missing_settings"), where=record.loop)
+    if wrong := next(filter(contradicts, report.reasons), None):
+        raise LoopError(**explained("wrong_settings", problem=wrong.message), where=record.loop)
     d, interval, d_source = size_of(report, dead_band)
     controller = Controller.of(settings)
     known = replace(record, settings=settings)

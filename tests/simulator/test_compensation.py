@@ -258,6 +258,14 @@ def test_no_backlash_no_advice():
     assert "--dead-band" in error.value.remedy
 
 
+def test_settings_that_did_not_make_the_record_are_refused():
+    """Simulated with Ti in minutes taken for seconds, the advice would be for another loop."""
+    record = recording()
+    with pytest.raises(LoopError) as error:
+        compensate(replace(record, settings=replace(record.settings, Ti=record.settings.Ti / 60.0)), dead_band=D)
+    assert error.value.code == "wrong_settings" and "minutes" in str(error.value)
+
+
 def test_a_dead_band_that_is_not_there_is_refused():
     """Either nothing fits better, or only a gap too small to compensate."""
     try:
