@@ -7,8 +7,6 @@ block the states of the filters and the open half period are carried, so the cut
 Both filters of the method are Y_f(s) = Y(s) / (1 + s T)^2: the measurement filter (3) with T = Tf and the estimator's
 own with T = Ti/2 (Haegglund 2007, eq. 3 and section 4), discretised exactly for a signal held between samples."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -77,12 +75,12 @@ class Segments(Frozen, eq=False):
     def __len__(self) -> int:
         return len(self.begin)
 
-    def select(self, places: object) -> Segments:
+    def select(self, places: object) -> "Segments":
         """Return some of them; places: numbers or a mask."""
         return Segments(*(values[places] for values in vars(self).values()))
 
     @staticmethod
-    def join(parts: Sequence[Segments]) -> Segments:
+    def join(parts: Sequence["Segments"]) -> "Segments":
         """Return the half periods of all parts, one part after the other."""
         if not parts:
             return Segments(*(np.zeros(0, kind) for kind in (float, float, float, float, np.int64, float, bool)))

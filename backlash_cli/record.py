@@ -3,12 +3,10 @@
 Inside the tool time is in seconds and signals are normalised: 0..1 of the span given by `pv_range`
 (setpoint, measurement) and `op_range` (output). `settings/spans.py` makes them so, reporters give them back."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import dataclass_transform
+from typing import Self, dataclass_transform
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +100,7 @@ class LoopSettings(Frozen):
             return self.Td / 5.0
         return None if self.Ti is None else self.Ti / 10.0
 
-    def with_values(self, source: str, **values: object) -> LoopSettings:
+    def with_values(self, source: str, **values: object) -> Self:
         """Return a copy with `values` replaced and named as coming from `source`."""
         return replace(self, source={**self.source, **dict.fromkeys(values, source)}, **values)  # type: ignore[arg-type]
 
@@ -143,7 +141,7 @@ class Record(Frozen, eq=False):
         """(samples,) True where a sample may enter an estimate."""
         return self.state <= SampleState.FILLED
 
-    def slice(self, first: int, last: int) -> Record:
+    def slice(self, first: int, last: int) -> Self:
         """Return samples first..last-1 as a block of the same loop (same start and interval)."""
         cut = slice(first, last)
         return replace(self, index=self.index[cut], setpoint=self.setpoint[cut], measurement=self.measurement[cut],

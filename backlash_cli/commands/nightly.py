@@ -23,7 +23,7 @@ from ..reporter.scan_report import check_delivery, met, parse_rules, write
 from ..reporter.templates import sentence
 from ..reporter.words import TO_DO, day
 from ..results import ScanResult
-from ..results.history import Place, missing_days
+from ..results.history import Place, gone, missing_days
 from ..scanning import ScanOptions
 from .history import read_profile
 from .options import Export
@@ -33,7 +33,8 @@ from .terminal import emit, refusal, say
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
 OLDER, NOTHING = "older than look_back", "no export found"  # and not in the history; for one of several inputs
-SAID = (OLDER, "missing", NOTHING)
+GONE, REPEATED = "no longer there", "nothing new in"  # loops; exports of another date
+SAID = (OLDER, "missing", NOTHING, "misdated", REPEATED, GONE)
 
 Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
@@ -67,9 +68,10 @@ def nightly(config: Path, check: bool) -> int:
                     log("report", path=str(outputs.report))
                 if outputs.trend is not None:
                     write_text(outputs.trend, trend(places).json())
+        done[GONE] = gone(places, settings.look_back)
         for word in SAID:
             for day in done[word]:
-                log(word, "warning", **{"inputs" if word == NOTHING else "night": day})
+                log(word, "warning", **{{NOTHING: "inputs", GONE: "loop"}.get(word, "night"): day})
         hits = met(rules, newest.loops) if newest else []
         hits += [p.loop for p in places if p.action == PULL and PULL in settings.fail_on]
         done["alarm"] = sorted(set(hits))
@@ -138,8 +140,8 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
                 job = Job(Export(export.files, config.loops, reading), ScanOptions(carry=True),
                           config.jobs, shown=False)
                 # what a job that was killed had finished of this night is taken over
-                again = (key, job.export.reading, job.options)
-                job.keep = stack.enter_context(kept(config.history, again, resume=True))
+                same = (key, job.export.reading, job.options)
+                job.keep = stack.enter_context(kept(config.history, same, resume=True))
                 scan = job.scan()
             except (OSError, BacklashError) as error:
                 done["failed"].append(name)
@@ -150,7 +152,10 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
             log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
         wrong = bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
-        for word, holds in (("scanned", True), ("late", late), ("incomplete", wrong)):
+        again = not outcome["new"] and bool(outcome["unchanged"] + outcome["revised"])
+        told = {"scanned": True, "late": late, "incomplete": wrong, "misdated": export.misdated(scan.loops),
+                REPEATED: again and key not in known}
+        for word, holds in told.items():
             done[word] += [name] * holds
         for word in ("new", "revised", "unchanged"):
             done[word] += outcome[word]

@@ -147,8 +147,7 @@ def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Res
 
     work: a function that workers can import, and that answers for its own failures. lost: makes the result of an item
     whose workers died. count: so many are worked on at once, and nearly as many wait. pack: makes of an item what can
-    be sent to another machine. Raises what `work` raises of BacklashError, and one when the scheduler is gone. Closing
-    the iterator stops the work."""
+    be sent to another machine. Raises what `work` raises of BacklashError, and one when the scheduler is gone."""
     waiting: list[Future] = []
 
     def send(item: Item) -> Future:

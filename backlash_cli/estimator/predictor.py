@@ -14,8 +14,6 @@ moves with the operating point. Two things make it hold on loads that do not loo
 
 Blocks are regressed on what lies before them only: under feedback OP answers PV, never the other way within a block."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -135,7 +133,7 @@ class Blocks(Frozen):
     usable: FloatArray
 
     @property
-    def coarser(self) -> Blocks:
+    def coarser(self) -> "Blocks":
         """The same in blocks of twice the size."""
         return Blocks(self.recording, 2 * self.size, paired(self.means), paired(self.usable))
 

@@ -1,7 +1,5 @@
 """Which dead band is too much for which loop, and who says so: the editable profile `limits.toml`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from importlib.resources import files
@@ -60,7 +58,7 @@ class Limits(Frozen):
             raise MetadataError(f"no class {name!r}", where=where, remedy=nearest(name, self.classes))
         return name
 
-    def with_classes(self, settings: Metadata, where: str) -> Limits:
+    def with_classes(self, settings: "Metadata", where: str) -> "Limits":
         """Return a copy in which loops have the class that their settings name; the profile's own loops go first.
 
         settings: of the loops file `where`. Raises MetadataError for a class that the profile does not know."""

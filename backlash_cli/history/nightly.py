@@ -18,6 +18,8 @@ import msgspec
 
 from ..errors import BacklashError, MetadataError, nearest
 from ..record import Frozen
+from ..results import LoopReport
+from ..results.history import DAY
 from ..toml_text import Page, checked, line_of, parsed, read_page
 from ..words import WORDS, explained
 
@@ -97,6 +99,12 @@ class DatedExport(Frozen):
     name: str
     files: tuple[Path, ...]
     date: date | None = None
+
+    def misdated(self, reports: Iterable[LoopReport]) -> bool:
+        """Whether all data lie further from the day in the name than a time zone, or a delivery next morning, tells."""
+        day = 0.0 if self.date is None else (self.date - date(1970, 1, 1)).days * DAY
+        ends = [(r.start, r.end) for r in reports if r.start and r.end and r.start > 365 * DAY]  # of the calendar
+        return day > 0.0 and bool(ends) and all(end < day - 1.5 * DAY or day + 2.5 * DAY < start for start, end in ends)
 
     def fingerprint(self, more: Sequence[Path] = (), salt: str = "") -> str:
         """Return a fingerprint of the files' content (and of `more` files, such as settings)."""

@@ -1,11 +1,9 @@
 """From the controller output to the predicted measurement: effects in their order, dead time, lag, gain, offset."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -45,15 +43,15 @@ class Shape(Frozen):
     delay: float
     parts: tuple[Part, ...] = ()
 
-    def with_part(self, part: Part) -> Shape:
+    def with_part(self, part: Part) -> Self:
         """Return the shape with one more effect, at the place where the signal meets it."""
         return replace(self, parts=in_order((*self.parts, part)))
 
-    def without(self, name: str) -> Shape:
+    def without(self, name: str) -> Self:
         """Return the shape without the effect called `name`."""
         return replace(self, parts=tuple(p for p in self.parts if p.effect.name != name))
 
-    def with_values(self, place: int, **values: float | tuple[float, ...]) -> Shape:
+    def with_values(self, place: int, **values: float | tuple[float, ...]) -> Self:
         """Return the shape with values of the part at `place` replaced."""
         part = self.parts[place]
         part = replace(part, values={**part.values, **values})

@@ -3,8 +3,6 @@
 All errors are root mean squares of measured minus predicted PV, normalised (0.01 = 1 % of the measurement span); times
 are in seconds, those of day in epoch seconds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, field, replace
 
@@ -90,7 +88,7 @@ class Model(Frozen):
     rmse_holdout: float | None = field(default=None, repr=False)  # on the record it was fitted to
     output: Interval | None = None  # where OP was then, all but 2 % of the time
 
-    def without(self, name: str) -> Model:
+    def without(self, name: str) -> "Model":
         """Return the model without the effect called `name`."""
         return replace(self, effects=tuple(e for e in self.effects if e.effect != name))
 
@@ -189,7 +187,7 @@ class Explanation(Judged, eq=False, kw_only=True):
     verdict: str = ""  # one plain sentence
     final: Fitness | None = None
 
-    def light(self) -> Explanation:
+    def light(self) -> "Explanation":
         """Return the explanation without its series and predictions, for a summary of many loops."""
         return replace(self, series=None, steps=tuple(replace(s, prediction=None) for s in self.steps))
 

@@ -147,3 +147,9 @@ class Place(Frozen):
     travel: float  # factor of the score: above 1 the valve moves more than most
     days_left: float  # until the limit is reached, from the last night of the plant on
     horizon: float  # days that the plan must cover
+
+
+def gone(places: Iterable[Place], days: float) -> list[str]:
+    """Return the loops that were there in the last `days`, but not in the last night."""
+    ends = {place.loop: place.wear.nights[-1].end for place in places if place.wear.nights}
+    return sorted(loop for loop, end in ends.items() if 0.75 * DAY < max(ends.values()) - end < days * DAY)

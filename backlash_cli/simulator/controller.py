@@ -1,7 +1,5 @@
 """The controller of a simulated loop: PID (2) with measurement filter (3), and backlash compensation (7), (8), (9)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from enum import IntEnum
 
@@ -44,7 +42,7 @@ class Controller(Frozen):
             raise MetadataError(f"output limits {self.low:g} .. {self.high:g} leave no room", where="controller")
 
     @classmethod
-    def of(cls, settings: LoopSettings, **limits: float) -> Controller:
+    def of(cls, settings: LoopSettings, **limits: float) -> "Controller":
         """The controller of a loop whose K and Ti are known. No filter beside a Td means that nobody wrote one down."""
         assert settings.K is not None and settings.Ti is not None
         filter_time = (settings.Tf or None) if settings.Td else settings.Tf

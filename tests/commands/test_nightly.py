@@ -42,6 +42,21 @@ def events(folder):
     return [json.loads(line) for line in (folder / "out/nightly.log").read_text().splitlines()]
 
 
+def test_an_export_of_another_day_and_loops_that_went_are_named(capfd, job):
+    for day in (1, 2, 3):
+        export(job, day)
+    text = (job / "p_2026-03-02.csv").read_text().replace("F1.OP", "F1.OP,F2.SP,F2.PV,F2.OP")
+    (job / "p_2026-03-02.csv").write_text(text.replace(",40\n", ",40,1,2,3\n"))
+    (job / "p_2026-03-06.csv").write_text((job / "p_2026-03-03.csv").read_text())
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "; misdated 2026-03-06" in done.out and "; nothing new in 2026-03-06" in done.out
+    assert "; no longer there F2" in done.out
+    assert {(e["event"], e.get("night"), e.get("loop")) for e in events(job)} >= {
+        ("misdated", "2026-03-06", None), ("nothing new in", "2026-03-06", None), ("no longer there", None, "F2")}
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "misdated" not in done.out and "nothing new in" not in done.out
+
+
 def test_new_late_missing_and_repeated_nights_are_named_on_one_line(capfd, job):
     for day in (1, 2, 4):
         export(job, day)
