@@ -178,6 +178,7 @@ def _far(sizes: FloatArray) -> IntArray:
     return np.flatnonzero(np.maximum(sizes[1:], sizes[:-1]) >= CONVERTED * np.minimum(sizes[1:], sizes[:-1]))
 
 
+STRANGE = ("apart", "copied", "mirrored")  # not the signals of one loop
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}
 
 
@@ -185,30 +186,31 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
     """Say how many of all "samples" are of these kinds, in order."""
     found, samples = [], counts["samples"]
     for kind in filter(counts.get, kinds):
-        if kind in ("apart", "copied") and counts[kind] < MOSTLY * samples:
+        if kind in STRANGE and counts[kind] < MOSTLY * samples:
             continue
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
-            effect = {"effect": "blocks"} if kind in ("apart", "copied") else {}  # not the signals of one loop
+            effect = {"effect": "blocks"} if kind in STRANGE else {}
             code = "frozen:all" if kind == "frozen" and counts[kind] == samples else _KINDS[kind][1]
             found.append(noted(code, {"samples": float(counts[kind]), **effect}, of=samples))
     return found
 
 
 def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
-           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int
+           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int,
+           mirrored: NDArray[np.bool_] | None = None
            ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
     """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
     sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
-    normalised, None where not recorded. interpolated: where PV was not recorded. manual: where not in automatic."""
+    normalised, None: not recorded. interpolated: PV not recorded; manual: not in automatic; mirrored: OP is PV."""
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
-    missing, off = ~np.isfinite(y), None if sp is None else sp - pv
-    off = None if off is None else np.abs(off, out=off)
+    missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - pv)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
-             "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild, "missing": missing & ~wild,
-             "interpolated": interpolated, "saturated": None if op is None else saturated(op, off),
+             "mirrored": mirrored, "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild,
+             "missing": missing & ~wild, "interpolated": interpolated,
+             "saturated": None if op is None else saturated(op, off),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
     for name, (value, _) in _KINDS.items():

@@ -62,8 +62,7 @@ def moment_of(date: str) -> float:
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    path = db or named
-    if path is None:
+    if (path := db or named) is None:
         raise refusal(UsageError, "which_history")
     if target is None and table is not None:
         raise UsageError(f"--table {table}: tables go to a file", remedy=f"add --export {table}.csv")

@@ -79,8 +79,7 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     wrong = [note.message for note in result.failures]
     wrong += [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
     status = say_failures("not analysed", wrong, shown=quiet or output is not None or form not in (None, "table"))
-    hits = met(rules, result.loops)
-    if hits:
+    if hits := met(rules, result.loops):
         say(f"--fail-on {', '.join(fail_on)}: met by {counted(len(hits), 'loop')}: {some(hits, 10)}")
     return 1 if hits else status
 

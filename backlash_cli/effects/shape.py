@@ -127,8 +127,7 @@ class Effect(Frozen):
         from ..kernels import run_steps
 
         array = np.ascontiguousarray(values, dtype=np.float64)
-        machine = compiled(self.step)
-        if machine is None:
+        if (machine := compiled(self.step)) is None:
             return np.array([self.step(state, value, p) for value in array])
         out = np.empty_like(array)
         run_steps(machine, state, array, p, out)

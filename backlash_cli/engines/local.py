@@ -20,7 +20,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import chain
 from multiprocessing.context import BaseContext
-from multiprocessing.forkserver import ensure_running
 from typing import TYPE_CHECKING, Any
 
 from ..errors import BacklashError
@@ -198,6 +197,8 @@ def context_of_processes() -> BaseContext:
     forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
     folder for its socket) every process is begun anew."""
     try:
+        from multiprocessing.forkserver import ensure_running
+
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([__name__, "backlash_cli.kernels", "scipy.signal", "pandas"])
         with _stops_wait():
@@ -277,7 +278,6 @@ def _begin(started: Event) -> None:
 
 def _end_with_the_first() -> None:
     """A first process that was killed could not end the others: they would wait for work for ever."""
-    first = multiprocessing.parent_process()
-    if first is not None:
+    if (first := multiprocessing.parent_process()) is not None:
         first.join()
         os._exit(1)

@@ -91,8 +91,7 @@ def identify(record: Record) -> Identification | Note:
     use = with_all_signals(record)
     if use.any() and not np.ptp(record.output[use]):
         return noted("output_constant:settings")
-    finest = law_rows(record, 0)
-    if finest is None:
+    if (finest := law_rows(record, 0)) is None:
         return noted("too_short", rows=LEAST_ROWS)
     found = _found(record, finest)
     share = float(np.mean(record.state[use] == SampleState.FILLED))

@@ -66,8 +66,7 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
                            n=np.count_nonzero(accepted), told=told))
     sd = output_noise(noise, interval, settings)
     d = h.d[used] + DITHER * sd
-    cluster = densest(d)
-    if cluster is None:
+    if (cluster := densest(d)) is None:
         return None, tuple(notes)
     notes += _differing(d, h.direction[used])
     if DITHER * sd > MATTERS * cluster.d:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
-from ..samples import MAX_HOLE, held, judged, linear, state_notes
+from ..samples import MAX_HOLE, STRANGE, held, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
@@ -155,13 +155,14 @@ class _Making:
                   for values, span in ((setpoint, scaled.pv_range), (output, scaled.op_range)))
         between = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
         y = normalised(measured, scaled.pv_range)
-        y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge)
+        y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge,
+                                 None if output is None else output == measured)
         self.counts.update(samples=last - first, **{k: int(on[first:last].sum()) for k, on in marks.items()})
         missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
-            ("apart", "copied", "setpoint", "output"), ("manual",))]
+            (*STRANGE, "setpoint", "output"), ("manual",))]
         extra = {name: values for name, items in loop.extra.items()
                  if (values := self._disturbance(items, grid)) is not None}
         sp = np.full(len(y), np.nan) if sp is None else sp

@@ -190,8 +190,7 @@ def _recognise(head: Head) -> str:
 
 def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[int]]:
     """Return the stamps, or date and time of day, and all columns of times. Raises InputError when there is none."""
-    columns = head.times
-    if not columns:
+    if not (columns := head.times):
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
     halves = [i for i, unit in head.parts.items() if unit == "half"]

@@ -410,8 +410,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     if options.columns or options.header_row is not None:
         if len(options.columns) > width:
             raise InputError(**explained("too_many_columns", names=len(options.columns), cells=width), where=where)
-        given = list(options.columns) or before.get(options.header_row or 0)
-        if not given:
+        if not (given := list(options.columns) or before.get(options.header_row or 0)):
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]

@@ -150,8 +150,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
         first = next(iter(problems.values()), InputError(**explained("no_rows", below=""), where=str(sources[0].path)))
         first.what = f"none of {len(sources)} files could be read; the first: " * (len(sources) > 1) + first.what
         raise first
-    all_loops = by_loop(series, metadata)
-    if not all_loops:
+    if not (all_loops := by_loop(series, metadata)):
         tags = sorted({item.tag for item in series if item.tag}) or ["columns without a name"]
         raise InputError(**explained("no_loop", tags=some(tags, 12)), where=str(sources[0].path))
     # an indicator, or a column with a chance name

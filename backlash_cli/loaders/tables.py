@@ -24,7 +24,7 @@ from ..record import IntArray, Note
 from ..scratch import Piece, Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, NAT, ordered
-from .layouts import Head, Layout, layout_of, of_tag, signals_of
+from .layouts import VALUE, Head, Layout, layout_of, of_tag, signals_of
 from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import DELIMITERS, ReadOptions
@@ -265,6 +265,9 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     """Store stamps in UTC ("t0" ...) and cells ("v3" ...), rows of many tags by tag; Parquet may stay in its file."""
     head = table.head
     columns = sorted({*layout.values, *chain(*layout.quality.values())})
+    spare = {*head.times, *(i for i, name in enumerate(head.plain) if name in VALUE)}.difference(
+        columns, layout.naming, layout.further, *layout.stamps)
+    table.notes += [noted("not_read", name=head.names[i]) for i in sorted(spare)]
     blank = {i for i in columns if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(

@@ -144,8 +144,7 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     tells where the stem stood. interval: of the samples [s]. K: controller gain [OP / PV], Ti: integral time [s], where
     known: the sign of the answer, and whether there should be one. Returns a Confirmation in spans; its details name
     the `source`, and the evidence (nats) left without the turn of OP that brings the most (`elsewhere`)."""
-    data = _blocks(recordings, interval)
-    if data is None:
+    if (data := _blocks(recordings, interval)) is None:
         return noted("manual_short", least=FEWEST_BLOCKS)
     if data.span < LEAST_MOTION:
         return noted("manual_still", span=data.span)

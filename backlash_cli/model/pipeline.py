@@ -122,8 +122,7 @@ def into_process(problem: Problem, shape: Shape) -> tuple[FloatArray, float]:
     """Return what enters the first lag of the process per unit of gain (samples,), and by how much it is delayed [s]:
     not at all where an effect on the load, which acts on what has passed the dead time, is not linear."""
     moved = moved_output(problem, shape.parts)
-    loads = acting(shape.parts, Stage.LOAD)
-    if not loads:
+    if not (loads := acting(shape.parts, Stage.LOAD)):
         return moved, shape.delay
     return through(problem, loads, late(moved, shape.delay / problem.interval)), 0.0
 

@@ -76,8 +76,7 @@ def per_second(value: Any, key: str) -> float:
     match = _QUANTITY.match(value) if isinstance(value, str) else None
     if match is None or not match[2]:
         return number(value, key)
-    rate = _RATE.match(match[2].lower())
-    if rate is None:
+    if (rate := _RATE.match(match[2].lower())) is None:
         raise MetadataError(f"{key} = {value!r:.60} has no known unit", remedy=f'write {key} = "2 /min" or "0.03 /s"')
     return number(match[1], key) / _unit(rate[1], key)
 

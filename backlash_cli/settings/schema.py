@@ -134,8 +134,7 @@ def _value(key: str, text: str, delimiter: str, where: str) -> Any:
     if key.endswith("_range"):
         if delimiter == ";":
             text = re.sub(r"(?<=\d),(?=\d)", ".", text)
-        match = _RANGE.match(text)
-        if match is None:
+        if (match := _RANGE.match(text)) is None:
             raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"')
         return [float(match[1]), float(match[2])]
     return text.split() if key == "auto_modes" else text

@@ -122,8 +122,7 @@ def size_of(report: LoopReport, given: float | None) -> tuple[float, tuple[float
     """Return dead band, the ends of its interval and its source. Raises LoopError when the scan found none."""
     if given is not None:
         return given, (given, given), "given"
-    found = report.claimed
-    if found is None:
+    if (found := report.claimed) is None:
         reason = report.reasons[0].message if report.reasons else "no half period could be used"
         raise LoopError(**explained("not_seen", verdict=str(report.verdict), reason=reason), where=report.loop)
     return found.d, (min(found.ci95[0], found.d), max(found.ci95[1], found.d)), "scan"

@@ -280,18 +280,32 @@ def test_a_comma_that_may_separate_thousands_is_said(tmp_path, digits, doubtful)
     assert "decimal_comma" not in {note.code for note in read(path, options=ReadOptions(decimal=",")).warnings}
 
 
+@pytest.mark.parametrize(("header", "spare"), [
+    ("Time,Written,FIC101.SP,FIC101.PV,FIC101.OP", "'Written'"), ("Time,tag,value,value", "'value'")])
+def test_a_second_column_of_times_or_values_is_told(tmp_path, header, spare):
+    rows = [[s, f"2026-04-01 {s[11:]}", *(f"{SIGNALS[r][k]:g}" for r in SIGNALS)] for k, s in enumerate(STAMPS)]
+    if "tag" in header:
+        rows = [[row[0], f"FIC101.{r}", value, "7"] for row in rows for r, value in zip(SIGNALS, row[2:], strict=True)]
+    path = tmp_path / "history.csv"
+    path.write_text("\n".join([header, *map(",".join, rows)]))
+    plant = read(path)
+    assert len(plant.records) == 1
+    assert [spare in note.message for note in plant.warnings if note.code == "not_read"] == [True]
+
+
 def noticed(tmp_path, **changed):
     path = tmp_path / "history.csv"
     values = SIGNALS | changed
     path.write_text("\n".join(["Time,FIC101.SP,FIC101.PV,FIC101.OP", *(
         f"{s}," + ",".join(f"{values[r][k]:g}" for r in SIGNALS) for k, s in enumerate(STAMPS))]))
     (record,) = read(path)
-    doubts = {"setpoint_apart", "setpoint_copied", "unit_change", "points_lost", "no_values"}
+    doubts = {"setpoint_apart", "setpoint_copied", "output_copied", "unit_change", "points_lost", "no_values"}
     return record, {note.code for note in record.notes} & doubts
 
 
 @pytest.mark.parametrize(("changed", "code"), [
     ({"SP": SIGNALS["SP"] / 100}, "setpoint_apart"), ({"SP": SIGNALS["PV"]}, "setpoint_copied"),
+    ({"OP": SIGNALS["PV"]}, "output_copied"),
     ({"OP": np.where(K < 200, SIGNALS["OP"], SIGNALS["OP"] / 100)}, "unit_change"),
     ({r: np.where(K < 200, SIGNALS[r], SIGNALS[r] * 4.403) for r in ("SP", "PV")}, "unit_change"),
     ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change"),
