@@ -9,6 +9,7 @@ import gc
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import warnings
 from collections import defaultdict
@@ -196,6 +197,10 @@ def context_of_processes() -> BaseContext:
     """Begin, where it does not run yet, the process that has loaded what a scan needs and of which all others are
     forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
     folder for its socket) every process is begun anew."""
+    # it looks for modules where this process does, not in the folder one works in; an empty value is as none
+    places = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    before = {name: os.environ.get(name, "") for name in places}
+    os.environ.update(places)
     try:
         from multiprocessing.forkserver import ensure_running
 
@@ -206,6 +211,8 @@ def context_of_processes() -> BaseContext:
         return context
     except (ImportError, OSError, ValueError):
         return multiprocessing.get_context("spawn")
+    finally:
+        os.environ.update(before)
 
 
 def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Callable[[Item, Note], Result], count: int
