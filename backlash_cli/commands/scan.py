@@ -95,8 +95,7 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
                          LoopCheck(record.loop, notes=record.notes, failure=found))
             step()
     unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
-    known = {loop.loop for loop in loops}
-    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
+    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if all(one.loop != name for one in loops)]
     rest = tuple(note for note in plant.failures if not note.values.get("loop"))
     result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
     report, coloured = checked(result), output is None and sys.stdout.isatty()
@@ -163,13 +162,15 @@ class Job:
 
     def _open(self, night: Sequence[Source] | None = None) -> OpenPlant:
         size, inputs = None, self.export.inputs  # of all files on this machine
-        with contextlib.suppress(BacklashError, OSError):
-            size = sum(one.path.stat().st_size for one in night or find_sources(inputs) if isinstance(one.path, Path))
+        sources = night or find_sources(inputs)
+        with contextlib.suppress(OSError):
+            size = sum(one.path.stat().st_size for one in sources if isinstance(one.path, Path))
             if size > MUCH and self.jobs != 1 and self.client is None:
                 context_of_processes()  # loads what it needs while the files are opened
         with progress("reading", size, shown=self.shown, of_bytes=True) as taken:
-            return open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
-                              salt=None if self.keep is None else repr(self.options), only=night)
+            plant = open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
+                               salt=None if self.keep is None else repr(self.options), only=sources)
+        return plant if night else replace(plant, inputs=tuple(map(str, inputs)))
 
 
 @contextlib.contextmanager

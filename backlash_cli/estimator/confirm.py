@@ -123,8 +123,7 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
     if not Ti:
         error = np.where(np.isfinite(record.setpoint), record.setpoint, 0.0) - record.measurement
         Ti = 0.5 * memory(error[usable]) * record.interval
-    recordings = _recordings(record, output, usable)
-    if not recordings:
+    if not (recordings := _recordings(record, output, usable)):
         return noted("short_record:holes", samples=np.count_nonzero(usable), least=FEWEST_BLOCKS, hole=GAP)
     moves = np.concatenate([r.output[r.usable] for r in recordings])
     span, seconds = float(np.ptp(moves)), len(moves) * record.interval

@@ -123,10 +123,10 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     """Return the metadata files of the inputs, the deepest first: NAME.loops.toml, else loops.toml, or in CSV."""
     @cache
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
-        for path in (folder / f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
+        for file in (f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
             with contextlib.suppress(InputError, OSError):  # some stores answer "denied" for what is not there
-                if path not in data and (path.name in beside if beside is not None else path.is_file()):
-                    return path
+                if (file in beside if beside is not None else (folder / file).is_file()) and folder / file not in data:
+                    return folder / file
         return None
 
     folders, data = [path for path in map(place, inputs) if path.is_dir()], {source.path for source in sources}
