@@ -140,8 +140,8 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
                 job = Job(Export(export.files, config.loops, reading), ScanOptions(carry=True),
                           config.jobs, shown=False)
                 # what a job that was killed had finished of this night is taken over
-                same = (key, job.export.reading, job.options)
-                job.keep = stack.enter_context(kept(config.history, same, resume=True))
+                again = (key, job.export.reading, job.options)
+                job.keep = stack.enter_context(kept(config.history, again, resume=True))
                 scan = job.scan()
             except (OSError, BacklashError) as error:
                 done["failed"].append(name)
@@ -152,9 +152,8 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
             log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
         wrong = bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
-        again = not outcome["new"] and bool(outcome["unchanged"] + outcome["revised"])
         told = {"scanned": True, "late": late, "incomplete": wrong, "misdated": export.misdated(scan.loops),
-                REPEATED: again and key not in known}
+                REPEATED: key not in known and not outcome["new"] and bool(outcome["unchanged"] + outcome["revised"])}
         for word, holds in told.items():
             done[word] += [name] * holds
         for word in ("new", "revised", "unchanged"):

@@ -95,7 +95,8 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
                          LoopCheck(record.loop, notes=record.notes, failure=found))
             step()
     unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
-    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if all(one.loop != name for one in loops)]
+    known = {loop.loop for loop in loops}
+    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
     rest = tuple(note for note in plant.failures if not note.values.get("loop"))
     result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
     report, coloured = checked(result), output is None and sys.stdout.isatty()
@@ -161,16 +162,16 @@ class Job:
                             client=self.client)
 
     def _open(self, night: Sequence[Source] | None = None) -> OpenPlant:
-        size, inputs = None, self.export.inputs  # of all files on this machine
-        sources = night or find_sources(inputs)
+        size, inputs = 0, self.export.inputs  # of all files on this machine
+        sources = find_sources(inputs) if night is None else night
         with contextlib.suppress(OSError):
             size = sum(one.path.stat().st_size for one in sources if isinstance(one.path, Path))
-            if size > MUCH and self.jobs != 1 and self.client is None:
-                context_of_processes()  # loads what it needs while the files are opened
-        with progress("reading", size, shown=self.shown, of_bytes=True) as taken:
+        if size > MUCH and self.jobs != 1 and self.client is None:
+            context_of_processes()  # loads what it needs while the files are opened
+        with progress("reading", size or None, shown=self.shown, of_bytes=True) as taken:
             plant = open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
-                               salt=None if self.keep is None else repr(self.options), only=sources)
-        return plant if night else replace(plant, inputs=tuple(map(str, inputs)))
+                               salt=None if self.keep is None else repr(self.options), sources=sources)
+        return plant if night is None else replace(plant, inputs=tuple(str(source.path) for source in night))
 
 
 @contextlib.contextmanager

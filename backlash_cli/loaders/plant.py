@@ -125,12 +125,12 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
 
 def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None = None,
                options: ReadOptions | None = None, taken: Callable[[int], None] | None = None,
-               room: Room | None = None, salt: str | None = None, only: Sequence[Source] | None = None) -> OpenPlant:
+               room: Room | None = None, salt: str | None = None, sources: Sequence[Source] | None = None) -> OpenPlant:
     """Find the loops of exports. taken: called with the bytes that were read. room: memory for samples, the rest is in
-    scratch. salt: what a kept report depends on beside the data. only: the files to be read. Raises BacklashError."""
+    scratch. salt: what a kept report depends on beside the data. sources: files, None: all. Raises BacklashError."""
     options = options or ReadOptions()
     given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    sources = find_sources(given) if only is None else only
+    sources = find_sources(given) if sources is None else sources
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)
     series, problems = list[Series](), dict[str, BacklashError]()
@@ -170,8 +170,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     slaves = {(one.axis.where, one.tag): loop for loop, own in all_loops.items() for one in own.roles.get("sp", ())}
     recipes = (_recipe(name, wanted[name], metadata, options, slaves) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(failure(error, file=path) for path, error in problems.items()),
-                     tuple(map(str, given if only is None else [source.path for source in only])))
+                     tuple(failure(error, file=path) for path, error in problems.items()), tuple(map(str, given)))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],
