@@ -233,7 +233,7 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
                     for coming in items[position + len(waiting) : position + ahead]:
                         waiting.append(pool.submit(work, coming))
                 result = waiting.pop(0).result()
-            except BrokenProcessPool:  # nobody knows over which item a process died: this one is tried alone
+            except (BrokenProcessPool, OSError):  # a process died over an item nobody knows, or while another began
                 if count == 1 and not started.is_set():  # each process runs the script of the first one anew
                     raise BacklashError("no further process could be started", remedy=(
                         "ask for one job (jobs=1); a script asks for more below if __name__ == '__main__':")) from None

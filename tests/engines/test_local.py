@@ -77,6 +77,20 @@ def test_a_dead_process_costs_only_its_loop(plant):
     assert all(r.verdict is not Verdict.ERROR for r in found[:1] + found[2:])
 
 
+def test_a_pool_that_closes_while_a_process_of_it_begins_costs_no_loop(plant, monkeypatch):
+    calls = []
+
+    class Closing(local.ProcessPoolExecutor):
+        def submit(self, *args):  # the pool's own thread closes what is handed to the process that begins
+            calls.append(args)
+            if len(calls) == 2:
+                raise OSError(9, "Bad file descriptor")
+            return super().submit(*args)
+
+    monkeypatch.setattr(local, "ProcessPoolExecutor", Closing)
+    assert list(analyse(plant, jobs=2)) == list(analyse(plant, jobs=1)) and len(calls) > len(plant)
+
+
 def test_stopping_in_the_middle_leaves_no_process(plant):
     others = set(multiprocessing.active_children())
     reports = analyse(plant * 4, jobs=2)
