@@ -123,7 +123,8 @@ class Head(Frozen):
         if not pa.types.is_integer(self.columns[column].type):
             return False
         values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
-        return len(values) > 0 and set(np.unique(values).tolist()) <= _OPC and bool(np.mean(values >= 128) > 0.5)
+        return len(values) > 0 and bool(np.mean(values == 192) > 0.5 or (  # beside codes of a product's own
+            set(np.unique(values).tolist()) <= _OPC and np.mean(values >= 128) > 0.5))
 
     def qualities(self, called: list[int]) -> tuple[int, ...]:
         """Those of columns called so whose name tells more, or that hold known words or codes; or the first one."""

@@ -784,8 +784,9 @@ def test_lines_above_tell_start_and_interval_of_counted_rows(tmp_path):
     assert read(save(tmp_path, f"Sample interval: 1 s\n{apart}"))["FIC101"].interval == 5.0
 
 
-@pytest.mark.parametrize("name", ["FIC101.OP mA", "FIC101_OP_mA", "FIC101.OP in mA", "FIC101.OP act"])
-def test_a_unit_behind_a_signal_is_no_signal(name):
+@pytest.mark.parametrize("name", [
+    "FIC101.OP mA", "FIC101_OP_mA", "FIC101.OP in mA", "FIC101.OP act", "FIC101.OP@UNIT1.NET0"])
+def test_a_unit_or_node_behind_a_signal_is_no_signal(name):
     assert (split_tag(name).loop, split_tag(name).role) == ("FIC101", "op")
 
 

@@ -59,3 +59,19 @@ def test_modes_called_status_are_no_quality(tmp_path):
     (record,) = read(path)
     assert "bad_quality" not in [note.code for note in record.notes]
     assert np.count_nonzero(record.state == SampleState.MANUAL) == 30
+
+
+@pytest.mark.parametrize("name", ["dataintegrity", "sample_code"])  # of Ignition; known by its content alone
+def test_codes_of_a_product_s_own_beside_those_of_opc_mark_what_is_bad(tmp_path, name):
+    lines = [f"tagpath,floatvalue,{name},t_stamp"]
+    for k in range(300):
+        for role, usual in (("sp", 50.0), ("pv", 50 + np.sin(k / 7)), ("op", 40 + np.cos(k / 7))):
+            code = {110: 256, 120: 500, 130: 0}.get(k, 192) if role == "pv" else 192
+            value, stamp = usual if code == 192 else 0.0, 1_787_234_400_000 + 1000 * k
+            lines.append(f"area1/fic101/{role},{value:.3f},{code},{stamp}")
+    path = tmp_path / "sqlth.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (record,) = read(path)
+    (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
+    assert "3 samples of area1/fic101/pv" in bad
+    assert (record.state[np.isin(record.index, (110, 120, 130))] != SampleState.GOOD).all()
