@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .errors import MetadataError, UsageError
+from .errors import MetadataError, UsageError, some
 from .record import Note, Record
 from .results import LoopReport, Model, ScanResult, Verdict
 from .toml_text import read_page
-from .words import explained
+from .words import explained, noted
 
 if TYPE_CHECKING:
     from os import PathLike
@@ -52,6 +53,11 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
             progress(_refused(report) if isinstance(report, Note) else report)
     if isinstance(plant, OpenPlant):
         failures += plant.all_lost(lost, read=len(reports))
+    alike = defaultdict[object, list[str]](list)
+    for one in (one for one in reports if one.cluster and (one.cluster.n or one.confirmation)):
+        evidence = one.confirmation and one.confirmation.delta_bic
+        alike[one.start, one.samples, one.cluster, evidence].append(one.loop)
+    warnings += tuple(noted("copied_loops", names=some(names)) for names in alike.values() if len(names) > 1)
     known = {report.loop for report in reports}
     own = [note for note in failures if note.values.get("loop") and note.values["loop"] not in known]
     others = tuple(note for note in failures if note not in own)

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from backlash_cli import read, scanning
+from backlash_cli import scan as scan_plant
 from backlash_cli.estimator.identify import identify, with_constant_setpoint
 from backlash_cli.record import LoopSettings, Note, SampleState, record_from_arrays
 from backlash_cli.results import Verdict
@@ -186,3 +187,11 @@ def test_signals_that_are_not_of_one_loop_get_no_verdict(tmp_path):
     (tmp_path / "loops.toml").write_text("[loops.F1]\nK = 1.0\nTi = 10.0\npv_range = [0, 100]\nop_range = [0, 100]\n")
     report = scan(read(tmp_path / "p.csv")["F1"])
     assert report.verdict is Verdict.CANNOT_TELL and report.reasons[0].code == "setpoint_apart"
+
+
+def test_loops_that_are_copies_of_one_another_are_told():
+    others = replace(RECORD, loop="B"), replace(RECORD, loop="C", measurement=RECORD.measurement + 1e-6 * RECORD.index)
+    for options in (ScanOptions(), ScanOptions(confirm=False)):
+        (said,) = scan_plant([RECORD, *others], options).warnings
+        assert said.code == "copied_loops" and said.message.startswith(f"{RECORD.loop}, B give the same numbers")
+    assert not scan_plant([RECORD, others[1]]).warnings

@@ -21,16 +21,7 @@ from ..results import Confirmation
 from ..words import noted
 from .criteria import FEWEST_CROSSINGS
 from .exclusion import excluded
-from .gap_test import (
-    IMITATED,
-    GapTest,
-    answers_output,
-    forgetting_gaps_in,
-    gaps_in,
-    gaps_tested,
-    imitation_gains,
-    stem_known,
-)
+from .gap_test import GapTest, answers_output, forgetting_gaps_in, gaps_in, gaps_tested, imitation_gains, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .quality import stored_as
 from .rebuild import output_made
@@ -48,6 +39,7 @@ SHORTEST = 10.0  # integral times: a shorter record holds no loop's behaviour
 FEWEST_BLOCKS = 60  # of Ti/8: no prediction can be fitted to fewer
 WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
+IMITATED = 0.5  # of what imitations gain is taken off
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before

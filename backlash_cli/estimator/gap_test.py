@@ -37,7 +37,6 @@ FREE_LAGS = 4  # of an answer of its own, to a gap or to an imitation
 SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # Ti: how long an answer is watched, when it must have come; few lags tell less
 NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
 TIED_COUNTS = 0.1  # of what the tied fit loses; loads that swing lose hundreds of nats there, valves few
-IMITATED = 0.5  # of what imitations gain is taken off
 SCALES = (0.5, 2.0, 8.0)  # memory of the imitations, in integral times
 
 

@@ -83,7 +83,9 @@ class Decision(Frozen):
 def decide(f: Findings) -> Decision:
     """Return the verdict on one loop: from the test in manual where it decides, else from automatic operation."""
     confirmation = f.confirmation if isinstance(f.confirmation, Confirmation) else None
-    automatic = replace(_in_automatic(f), confirmation=confirmation)
+    automatic = _in_automatic(f)
+    automatic = replace(automatic, confirmation=confirmation, reasons=(
+        *automatic.reasons, *(note for note in f.limits if note not in automatic.reasons)))
     if f.manual is None:
         return automatic
     if isinstance(f.manual, Confirmation):

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record
+from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record, utc_text
 from ..samples import MAX_HOLE, STRANGE, held, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
-from .grid import GAP_FACTOR, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
+from .grid import GAP_FACTOR, LIKELY, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
@@ -90,8 +90,7 @@ class Recipe(Frozen):
 class _Making:
     """Makes the record of a loop, or chunk after chunk of it, on the grid of the first one and with the same spans.
     recorded: setpoint and output, where there is some. known, until: stamps of the last chunk with their grid numbers,
-    and the number of its last sample. carried: setpoint and mode that still hold. times, order, bridge: of PV in this
-    chunk, and the longest hole that is filled."""
+    and the number of its last sample. carried: what still holds. times, order: of PV. bridge: longest hole to fill."""
 
     recipe: Recipe
     joiner: Joiner
@@ -137,6 +136,8 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.step * SECOND)))
         told = [*pv.notes, *add_faults(self.faults, pv.faults)]
+        if grid.start not in LIKELY and not any(note.code == "relative_time" for note in pv.times.notes):
+            told.append(noted("unlikely_dates", begin=utc_text(grid.start)))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid, *told]
         measured = self._on_grid(pv, "pv", grid)
         if self.spans is None and not np.isfinite(measured).any():

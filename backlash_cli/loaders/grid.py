@@ -48,8 +48,7 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         if (not len(steps) or steps.min() > 0) and not (few and float(micros[-1]) - float(micros[0]) > FAR * (
                 float(micros[-1 - few]) - float(micros[few])) + 2.0 * DAY):
             return Ordered(micros, None)
-    notes: list[Note] = []
-    rows = np.flatnonzero(micros != NAT)
+    notes, rows = list[Note](), np.flatnonzero(micros != NAT)
     if lost := len(micros) - len(rows):
         at = f", the first in line {line + int(np.argmax(micros == NAT))}" if line else ""
         notes.append(noted("unreadable_times", {"rows": float(lost)}, at=at))
@@ -198,7 +197,7 @@ class Grid(Frozen, eq=False):
 
     def said(self, stamps: IntArray, recorded: NDArray[np.bool_] | None, tally: defaultdict[str, float]) -> list[Note]:
         """Add to a tally what stamps, and which points are recorded, tell; return what is to be said of all so far."""
-        steps, regular = np.diff(stamps), self.kind == "regular"
+        steps, regular, found = np.diff(stamps), self.kind == "regular", list[Note]()
         long = np.flatnonzero(steps >= 1.5 * self.step if regular else steps > self.gap)
         advance = np.rint(steps[long] / self.step)
         holes = regular & (advance <= ABSENT_ROWS + 1)
@@ -210,8 +209,6 @@ class Grid(Frozen, eq=False):
                            "near": len(near), "sum": near.sum(), "squares": near @ near,
                            "recorded": np.sum(points), "points": np.size(points)}.items():
             tally[name] += float(more)
-        odd = self.start // DAY not in (-1, 0) and self.start not in LIKELY  # 1970-01-01: without a date
-        found = [noted("unlikely_dates", begin=utc_text(self.start))] if odd else []
         if self.kind == "jitter":
             variance = tally["squares"] / max(tally["near"], 1.0) - (tally["sum"] / max(tally["near"], 1.0)) ** 2
             spread = round(max(variance, 0.0) ** 0.5, 9)

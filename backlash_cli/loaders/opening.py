@@ -408,7 +408,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     """Return the names from the lines above the data, by their numbers; a two-line header is put together."""
     width = len(kinds)
     if options.columns or options.header_row is not None:
-        if len(options.columns) > width:
+        if options.columns and len(options.columns) != width:
             raise InputError(**explained("too_many_columns", names=len(options.columns), cells=width), where=where)
         if not (given := list(options.columns) or before.get(options.header_row or 0)):
             raise InputError(f"line {options.header_row} cannot be the header", where=where)

@@ -158,8 +158,8 @@ class StampReader:
         self._scale: tuple[float, float, bool] | None = None  # as in _UNITS, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
-        self._doubled = self._back = 0  # rows in the hour that occurs twice, steps back since they came to lie there
-        self._skipped = 0  # rows in an hour that no clock shows
+        self._doubled = self._skipped = 0  # rows in the hour that occurs twice, and in an hour that no clock shows
+        self._back = 0  # steps back since they came to lie in the first of them
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None
@@ -234,9 +234,11 @@ class StampReader:
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         if self._open and np.isnat(days_of(*_readings(np.array(list(self._open), np.int64))[order])).all():
-            what = f"dates that are {order} (for example {self._shown_open!r})"
-            raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
+            raise InputError(**explained("time_format:order", shown=self._shown_open, column=self.name, order=order),
+                             where=self.where)
         zone = self._zone if False in self._zones else None
+        if (asked := self.options.timezone) and False not in self._zones:
+            self.notes.append(noted("timezone_unused", zone=asked))
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:

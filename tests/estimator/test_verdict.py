@@ -256,3 +256,11 @@ def test_pv_on_lines_is_no_obstacle_where_the_output_is_known_in_between(output,
         half = decide(findings(cluster=None, confirmation=replace(
             found, details={**found.details, "evidence": 0.5 * evidence})))
         assert decision.confidence == half.confidence
+
+
+@pytest.mark.parametrize("confirmation", [None, Note("too_few_blocks", "")])
+def test_what_limits_the_data_is_said_where_nothing_else_can_be(confirmation):
+    limits = (Note("compressed_linear", "", {"effect": "limits"}), Note("filled", "", {"effect": "info"}))
+    for cluster in (CLUSTER, None):
+        decision = decide(findings(cluster=cluster, confirmation=confirmation, quality=limits))
+        assert codes(decision.reasons)[1:] == ["compressed_linear"], decision.verdict

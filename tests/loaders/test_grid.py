@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli import read
 from backlash_cli.errors import LoopError
 from backlash_cli.loaders.grid import MAX_HOLE, NAT, SECOND, make_grid
 from backlash_cli.loaders.grid import ordered as ordered_by
@@ -173,12 +174,16 @@ def test_of_rows_with_one_stamp_the_first_that_holds_a_value_is_kept():
     assert found.rows.tolist() == [0, 3, 4, 6, 7] and found.stamps.tolist() == [k * SECOND for k in range(5)]
 
 
-def test_dates_that_no_recorder_has_are_told():
-    for begin, told in (("1601-01-01T08", True), ("9999-12-30T08", True), ("1970-06-01T00", True),
-                        ("1970-01-01T00", False), ("2026-03-17T08", False)):
-        micros = np.datetime64(begin, "us").astype(np.int64) + np.arange(50) * SECOND
-        assert ("unlikely_dates" in codes(make_grid(ordered(micros, np.arange(50.0))))) is told
-    assert make_grid(ordered(np.arange(-50, 0) * 10**16, np.arange(50.0))).notes
+@pytest.mark.parametrize(("begin", "told"), [
+    ("1601-01-01T08", True), ("9999-12-30T08", True), ("1970-06-01T00", True), ("1970-01-01T00", True), ("", False),
+    ("2026-03-17T08", False)])
+def test_dates_that_no_recorder_has_are_told(tmp_path, begin, told):
+    """A clock that was never set begins in 1970; times that count from the beginning of the record are shown so."""
+    rows = [f"{np.datetime64(begin, 's') + k if begin else k},50,{50 + k % 7},{40 + k % 5}" for k in range(300)]
+    (tmp_path / "FIC101.csv").write_text("\n".join(["time,SP,PV,OP", *rows]))
+    (record,) = read(tmp_path / "FIC101.csv")
+    notes = [note.code for note in record.notes]
+    assert ("unlikely_dates" in notes) is told and ("relative_time" in notes) is (not begin)
 
 
 def test_an_interval_that_changes_is_told():

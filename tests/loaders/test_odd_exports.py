@@ -301,9 +301,10 @@ def test_files_of_an_archive_that_cannot_be_read_are_failures_as_in_a_folder(tmp
 @pytest.mark.parametrize(("text", "options", "said"), [
     (wide(), {"decimal": ","}, r"',' is not the decimal sign of numbers such as \d+\.\d+ -> mend --decimal"),
     (wide(delimiter=";", value=lambda n, v: cell(n, v).replace(".", ",")), {"decimal": "."}, "'.' is not the decimal"),
+    (wide(), {"columns": ("time", "SP", "PV", "OP")}, "--columns gives 4 names, the rows have"),
     (wide(), {"header_row": 9999}, "line 9999 cannot be the header"),
     (wide(value=lambda n, v: ""), {}, "the rows have times, and no column holds a number"),
-    (wide(lambda t: f"{t:%d/%m/%Y %H:%M:%S}"), {"time_format": "mdy"}, r"dates that are mdy \(for example '17/03/2026"),
+    (wide(lambda t: f"{t:%d/%m/%Y %H:%M:%S}"), {"time_format": "mdy"}, "17/03/2026 23:55:00 .* be mdy"),
     (long(lambda n, t, v: f"{n},{t:%s}{'000' * (t > STAMPS[300])},{v}", "tag,time,value"), {}, "change their unit"),
 ])
 def test_options_and_files_that_contradict_each_other_are_refused(tmp_path, text, options, said):
@@ -376,9 +377,27 @@ def test_two_files_that_contradict_each_other_are_refused(tmp_path):
     equals_the_recording(read([first, again])["FIC101"])
 
 
-def test_a_pointer_of_git_lfs_is_called_so(tmp_path):
-    with pytest.raises(InputError, match=r"pointer to a large file in Git LFS.*git lfs pull"):
-        read(save(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n", "p.parquet"))
+@pytest.mark.parametrize(("text", "said"), [
+    ("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n",
+     "pointer to a large file in Git LFS.*git lfs pull"),
+    ("-- dump of hist.samples\nSET NAMES utf8mb4;\nCREATE TABLE `samples` (`ts` datetime);\n", "an SQL script"),
+    ("From: shift@plant.example\nTo: control@plant.example\nSubject: Export\n\nHi, here it is.\n", "an e-mail"),
+    ("L\0\0\0\x01\x14\x02\0\0\0\0\0", "a shortcut of Windows.*give the file that it points to"),
+    ('{"error": "time range exceeds 10000 points"}', "JSON, perhaps the answer of a service"),
+])
+def test_what_is_no_export_is_called_what_it_is(tmp_path, text, said):
+    with pytest.raises(InputError, match=said):
+        read(save(tmp_path, text, "plant.csv"))
+
+
+def test_lines_above_a_table_are_no_head_of_an_e_mail(tmp_path):
+    equals_the_recording(read(save(tmp_path, "From: 17.03.2026 08:00\nTo: 18.03.2026 08:00\n\n" + wide()))["FIC101"])
+
+
+@pytest.mark.parametrize(("stamp", "told"), [("{:%Y-%m-%dT%H:%M:%SZ}", True), ("{:%Y-%m-%d %H:%M:%S}", False)])
+def test_a_time_zone_that_is_not_used_is_told(tmp_path, stamp, told):
+    record = read(save(tmp_path, wide(stamp.format)), options=ReadOptions(timezone="Asia/Tokyo"))["FIC101"]
+    assert ("timezone_unused" in [note.code for note in record.notes]) is told
 
 
 @pytest.mark.parametrize("called", [
