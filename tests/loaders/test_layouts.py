@@ -72,6 +72,8 @@ TIMES = {
     "at": lambda t: '"' + t.strftime("%b %d, %Y @ %H:%M:%S.000") + '"',
     "month_upper": lambda t: t.strftime("%d-%b-%Y %H:%M:%S").upper(),
     "german_month": lambda t: t.strftime("%d. März %Y %H:%M:%S"),
+    "spanish_date": lambda t: t.strftime("%d de marzo de %Y %H:%M:%S"),
+    "portuguese_date": lambda t: '"' + t.strftime("%d de março de %Y, %H:%M:%S") + '"',
     "french_month": lambda t: t.strftime("%d mars %Y %H:%M:%S"),
     "weekday": lambda t: t.strftime("%a %d %b %Y %H:%M:%S"),
     "compact": lambda t: t.strftime("%Y%m%d%H%M%S"),
