@@ -16,14 +16,13 @@ from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_settings, clocks, contradicts, follows
 from .estimator.survey import MOST, Survey
-from .estimator.verdict import Findings, decide
+from .estimator.verdict import SWINGING, Findings, decide
 from .half_periods import ErrorScanner
 from .record import Frozen, LoopSettings, Note, Record, SampleState
 from .results import Confirmation, LoopReport, Verdict
 from .words import WORDS, noted
 
 DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last ones
-OSCILLATING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 FEWEST = 10  # usable samples of which anything can be said
 UNUSABLE = {code.partition(":")[0] for state, code in WORDS["samples"].values() if state != "FILLED"} | {
     "op_outside", "outside_range", "not_numbers", "bad_quality"}  # notes that may say why no sample can be used
@@ -157,7 +156,7 @@ class LoopScanner:
             segments = self._errors.smooth.finish()
             half_periods = estimate(segments, self.interval, settings, self.start)
             oscillation = detect_oscillation(self._errors.plain.finish(), self.interval, settings.Ti)
-            if oscillation[0] > OSCILLATING and not repeats(record.slice(-DIAGNOSED, len(record))):
+            if oscillation[0] > SWINGING and not repeats(record.slice(-DIAGNOSED, len(record))):
                 oscillation = 0.0, 0.0
             cluster, said = read_half_periods(half_periods, segments.setpoint_move, settings, self.interval,
                                               quality.known_noise)
@@ -177,7 +176,7 @@ class LoopScanner:
             blocked = bool(others) and others[0].values.get("effect") == "blocks"
             reasons = (*others, *contradictions) if blocked else (*contradictions, *others)
         elif decision.verdict is Verdict.BACKLASH:
-            swings = oscillation[0] > OSCILLATING and not report.detections
+            swings = oscillation[0] > SWINGING and not report.detections
             compensator = recommend(decision.cluster, decision.confirmation, derivative=settings.Td > 0,
                                     output_noise=output_noise, oscillating=swings)
         return replace(report, verdict=decision.verdict, reasons=reasons, confidence=decision.confidence,

@@ -44,7 +44,7 @@ AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
 LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
 DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
-GAP = 20  # samples; a hole as long ends a recording
+HOLE = 20  # samples; a hole as long ends a recording
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
 
@@ -67,8 +67,8 @@ class Asked(Frozen):
 
 
 class Study(Frozen):
-    """What was asked of one record. asked: by block length. length: of the record in integral times; span: of OP [%];
-    output: as of `output_made`; rounding: what recording leaves in means of PV [%]."""
+    """What was asked of one record. asked: by block length. length: of the record in integral times; moved: how far OP
+    did [%]; output: as of `output_made`; rounding: what recording leaves in means of PV [%]."""
 
     asked: tuple[Asked, ...]
     recordings: tuple[Recording, ...]
@@ -76,7 +76,7 @@ class Study(Frozen):
     Ti: float
     interval: float
     length: float
-    span: float
+    moved: float
     output: str
     rounding: float
 
@@ -89,7 +89,7 @@ class Study(Frozen):
     def excludes(self, evidence: float) -> float | None:
         """The smallest dead band [%] that the record excludes. It must show that PV answers OP: the play of a valve
         that never moved is wider than all OP did. One event proves absence no more than presence."""
-        limit = excluded([a.test for a in self.asked], evidence, self.length, self.span)
+        limit = excluded([a.test for a in self.asked], evidence, self.length, self.moved)
         answers = (answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked)
         return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS and any(answers) else None
 
@@ -116,25 +116,25 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
         error = np.where(np.isfinite(record.setpoint), record.setpoint, 0.0) - record.measurement
         Ti = 0.5 * memory(error[usable]) * record.interval
     if not (recordings := _recordings(record, output, usable)):
-        return noted("short_record:holes", samples=np.count_nonzero(usable), least=FEWEST_BLOCKS, hole=GAP)
+        return noted("short_record:holes", samples=np.count_nonzero(usable), least=FEWEST_BLOCKS, hole=HOLE)
     moves = np.concatenate([r.output[r.usable] for r in recordings])
-    span, seconds = float(np.ptp(moves)), len(moves) * record.interval
-    if span < NARROWEST * 1.5:
-        return noted("output_still", {"output_range": span / 100.0})
+    moved, seconds = float(np.ptp(moves)), len(moves) * record.interval
+    if moved < NARROWEST * 1.5:
+        return noted("output_still", {"output_range": moved / 100.0})
     if not any(np.ptp(r.measurement[r.usable]) > 0 for r in recordings):
         return noted("measurement_constant")
     rounding = 100.0 * stored_as(*measured(record)[:2]).error
-    asked = _asked(recordings, span, settings.K, Ti, record.interval, rounding) if seconds >= SHORTEST * Ti else ()
+    asked = _asked(recordings, moved, settings.K, Ti, record.interval, rounding) if seconds >= SHORTEST * Ti else ()
     if not asked:
         code = "short_record" if seconds < SHORTEST * Ti else "short_record:stretches"
         return noted(code, {"usable_s": seconds}, used=duration(seconds), least=duration(SHORTEST * Ti))
-    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, span, origin, rounding)
+    return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, moved, origin, rounding)
 
 
 def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -> tuple[Recording, ...]:
     """The samples on grids without gaps, in % of span, OP and PV less their means."""
     mean, found = 100.0 * float(output[usable].mean()), []
-    for part in np.split(np.arange(len(record)), np.flatnonzero(np.diff(record.index) > GAP) + 1):
+    for part in np.split(np.arange(len(record)), np.flatnonzero(np.diff(record.index) > HOLE) + 1):
         ok = usable[part]
         if np.count_nonzero(ok) < FEWEST_BLOCKS:
             continue
@@ -145,11 +145,11 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
     return tuple(found)
 
 
-def _asked(recordings: Sequence[Recording], span: float, K: float | None, Ti: float, interval: float, rounding: float
+def _asked(recordings: Sequence[Recording], moved: float, K: float | None, Ti: float, interval: float, rounding: float
            ) -> tuple[Asked, ...]:
-    widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * span), 1.5 * NARROWEST), WIDTHS)
+    widths = np.geomspace(NARROWEST, max(min(WIDEST, TURN * moved), 1.5 * NARROWEST), WIDTHS)
     sizes = _block_lengths(recordings, Ti / interval)
-    predictions = _predictions(recordings, sizes, span, MOST_ROWS, rounding)
+    predictions = _predictions(recordings, sizes, moved, MOST_ROWS, rounding)
     tests = _tests(predictions, recordings, widths, sizes[0], K, Ti, interval)
     gains = _at_each_length(predictions, [forgetting_gaps_in(r.output, widths[::3], sizes[0], Ti / interval)
                                           for r in recordings], imitation_gains)
@@ -184,12 +184,12 @@ def _at_each_length(predictions: Sequence[Predictor | None], signals: list[Float
     return found
 
 
-def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], span: float, most: int,
+def _predictions(recordings: Sequence[Recording], sizes: Sequence[int], moved: float, most: int,
                  rounding: float) -> list[Predictor | None]:
     deviation = float(np.sqrt(np.mean(np.concatenate([r.measurement - r.measurement.mean() for r in recordings]) ** 2)))
     if deviation == 0.0:
         return [None] * len(sizes)
-    blocks, found = [in_blocks(r, sizes[0], span, deviation) for r in recordings], []
+    blocks, found = [in_blocks(r, sizes[0], moved, deviation) for r in recordings], []
     for _ in sizes:
         found.append(predictor(blocks, deviation, most, rounding))
         blocks = [b.coarser for b in blocks]
@@ -201,27 +201,27 @@ def _confirmation(s: Study) -> Confirmation:
     best = sorted(s.asked, key=lambda a: float(a.net.max()), reverse=True)[:SIZED]
     grid, tests = best[0].test.widths, [a.test for a in best]
     if evidence >= TRACE:
-        fine = about(grid, int(_explained(tests).argmax()), FINE)
+        fine = about(grid, int(_gained(tests).argmax()), FINE)
         grid = np.sort(np.append(grid, fine))
         # the widths among which the size is sought are compared on the same rows
         tests = _again([a.prediction for a in best], grid, max(fine), s)
-    answer, of = _explained(tests), tests[0]
-    d, at = peak_of(grid, answer), int(answer.argmax())
+    gained, of = _gained(tests), tests[0]
+    d, at = peak_of(grid, gained), int(gained.argmax())
     imitation = float(np.mean([a.imitation for a in best]))
-    imperfection = min(imitation / max(float(answer[at]), 1e-9), 1.0)
-    low, high = width_interval(grid, answer, d, LEAST_INTERVAL + IMPERFECTION * imperfection, DOUBT * imitation)
+    imperfection = min(imitation / max(float(gained[at]), 1e-9), 1.0)
+    low, high = width_interval(grid, gained, d, LEAST_INTERVAL + IMPERFECTION * imperfection, DOUBT * imitation)
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
     unseen = _unseen_motion(s)
     d, high = d + unseen, high + 2.0 * unseen
-    details: dict[str, float | str] = {"evidence": evidence, "gain": float(answer[at]), "imitation": imitation,
+    details: dict[str, float | str] = {"evidence": evidence, "gain": float(gained[at]), "imitation": imitation,
         "share": float(of.share[at]), "share_deviation": float(of.deviation[at]),
         "edge": float(at in (0, len(grid) - 1)), "rows": float(best[0].prediction.rows),
-        "block_s": best[0].prediction.size * s.interval, "output_range": s.span / 100.0,
+        "block_s": best[0].prediction.size * s.interval, "output_range": s.moved / 100.0,
         "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0, "recordings": float(len(s.recordings)),
         "trace": float(evidence >= TRACE), "sign_known": float(s.settings.K is not None), "output": s.output}
-    return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, answer)
+    return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, gained)
 
 
 def _unseen_motion(s: Study) -> float:
@@ -231,14 +231,14 @@ def _unseen_motion(s: Study) -> float:
     return float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
 
 
-def _explained(tests: Sequence[GapTest]) -> FloatArray:
+def _gained(tests: Sequence[GapTest]) -> FloatArray:
     """What gaps of each width explain in the mean over block lengths (widths,) [nats], however PV answers them."""
     return np.asarray(np.mean([test.gain for test in tests], axis=0))
 
 
 def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, s: Study) -> list[GapTest]:
     """The same block lengths asked with more rows: the size is worth more of them than whether there is a dead band."""
-    closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.span, ROWS_OF_SIZE, s.rounding)[0]
+    closer = {p.size: p if p.every == 1 else _predictions(s.recordings, [p.size], s.moved, ROWS_OF_SIZE, s.rounding)[0]
               or p for p in predictions}
     sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
     tests = _tests([closer.get(size) for size in sizes], s.recordings, widths, sizes[0], s.settings.K, s.Ti, s.interval,
@@ -250,7 +250,7 @@ def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, 
 def memory(values: FloatArray) -> float:
     """Lag [samples] at which the autocorrelation of values (samples,) has fallen to 1/e; of a loop about 2 Ti."""
     v = values[: 1 << 18]
-    below = np.flatnonzero(autocorrelation(v, len(v)) < 1.0 / np.e)
+    below = np.flatnonzero(autocorrelation(v, len(v)) < np.exp(-1.0))
     return float(max(below[0], 1)) if len(below) else float(len(v))
 
 
@@ -264,5 +264,5 @@ def _evidence(asked: Sequence[Asked]) -> float:
     second = np.sort(fitting, axis=0)[-2] if len(asked) > 1 else 0.0
     found = np.where(possible > 0.0, 0.5 * (possible + second), np.minimum(possible, 0.0))
     found += np.mean(np.sort([a.free for a in asked], axis=0)[-SIZED:], axis=0)
-    best = int(_explained([a.test for a in asked]).argmax())
+    best = int(_gained([a.test for a in asked]).argmax())
     return float(np.max(found[max(best - NEAR, 0) : best + NEAR + 1]))

@@ -26,8 +26,8 @@ KNOWN = 1.0  # half interval over d; beyond, it reaches down to no dead band at 
 OUTPUT_STEPS = 2.5  # a dead band below this many rounding steps of OP is not seen in OP
 
 
-class Reading(Frozen):
-    """A Confirmation judged. clear: all rules hold. some: there is evidence, but a rule speaks against it."""
+class Weighed(Frozen):
+    """A Confirmation weighed. clear: all rules hold. some: there is evidence, but a rule speaks against it."""
 
     clear: bool
     some: bool
@@ -47,21 +47,21 @@ def by_hand(c: Confirmation) -> bool:
     return c.details.get("source") == "manual_test"
 
 
-def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
-    """Judge the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
-    gain, span, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
+def weigh(c: Confirmation, *, output_step: float = 0.0) -> Weighed:
+    """Weigh the evidence in a confirmation; the notes say which rule does not hold. output_step: rounding [span]."""
+    evidence, moved, crossings = (float(c.details[name]) for name in ("evidence", "output_range", "crossings"))
     times_more = 1.0 if by_hand(c) or c.details["sign_known"] else UNKNOWN_SIGN
     needed = CALLED_TESTED if by_hand(c) else times_more * CALLED
     against = []
-    if gain <= needed:
-        against.append(noted("weak_evidence", {"evidence": gain, "needed": needed}))
+    if evidence <= needed:
+        against.append(noted("weak_evidence", {"evidence": evidence, "needed": needed}))
     if crossings < FEWEST_CROSSINGS:
         against.append(noted("few_reversals", {"crossings": crossings}, times=times(crossings)))
     elif (float(c.details["elsewhere"]) < ELSEWHERE if by_hand(c) else
           float(c.details["share"]) < STEADY * float(c.details["share_deviation"])):
         against.append(noted("single_event"))
-    if span < (MOTION if gain < 3.0 * CALLED else LEAST_MOTION) * c.d:
-        against.append(noted("little_motion:gap", {"output_range": span}))
+    if moved < (MOTION if evidence < 3.0 * CALLED else LEAST_MOTION) * c.d:
+        against.append(noted("little_motion:gap", {"output_range": moved}))
     if c.details["edge"]:
         against.append(noted("edge_of_widths"))
     if c.d < SMALLEST:
@@ -70,4 +70,4 @@ def read(c: Confirmation, *, output_step: float = 0.0) -> Reading:
         against.append(noted("size_unknown", low=100 * c.ci95[0], high=c.ci95[1]))
     if output_step and c.d < OUTPUT_STEPS * output_step:
         against.append(noted("below_rounding", step=output_step, d=c.d))
-    return Reading(not against, gain > times_more * SOME and c.d >= SMALLEST, tuple(against))
+    return Weighed(not against, evidence > times_more * SOME and c.d >= SMALLEST, tuple(against))

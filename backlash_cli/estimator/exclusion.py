@@ -21,14 +21,14 @@ WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs
 HIDDEN = 0.015  # chance that is left when a dead band is said to be excluded
 
 
-def signs(tests: Sequence[GapTest], evidence: float, length: float, span: float) -> FloatArray:
+def signs(tests: Sequence[GapTest], evidence: float, length: float, moved: float) -> FloatArray:
     """What speaks for a dead band of L or more, for each L of LIMITS, (limits, 6): in the order of `WEIGHTS`, and the
     nats that a gap of L would have brought.
 
-    tests: of each block length. evidence: of the record [nats]; length: in integral times; span (of OP): % of span. The
-    signs are what gaps of L and more explain in the mean over block lengths, by how much one of these is above the
-    mean at most, whatever the width, and the evidence, these three as sign times log1p; and the logs of length and of
-    span over L."""
+    tests: of each block length. evidence: of the record [nats]; length: in integral times; moved: how far OP did [% of
+    span]. The signs are what gaps of L and more explain in the mean over block lengths, by how much one of these is
+    above the mean at most, whatever the width, and the evidence, these three as sign times log1p; and the logs of
+    length and of moved over L."""
     widths, limits = tests[0].widths, np.array(LIMITS)
     gains = np.array([test.gain for test in tests])
     mean = gains.mean(axis=0)
@@ -39,7 +39,7 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, span: float)
                             np.full(len(limits), evidence)])
     expected = np.median([0.5 / np.maximum(test.deviation, 1e-6) ** 2 for test in tests], axis=0)[nearest]
     return np.column_stack([np.sign(told) * np.log1p(np.abs(told)), np.full(len(limits), np.log(max(length, 1.0))),
-                            np.log(span / limits), expected])
+                            np.log(moved / limits), expected])
 
 
 def chance_hidden(signs: FloatArray) -> FloatArray:
@@ -47,10 +47,10 @@ def chance_hidden(signs: FloatArray) -> FloatArray:
     return np.asarray(expit(signs @ np.array(WEIGHTS) + CONSTANT))
 
 
-def excluded(tests: Sequence[GapTest], evidence: float, length: float, span: float) -> float | None:
+def excluded(tests: Sequence[GapTest], evidence: float, length: float, moved: float) -> float | None:
     """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
-    found, limits = signs(tests, evidence, length, span), np.array(LIMITS)
+    found, limits = signs(tests, evidence, length, moved), np.array(LIMITS)
     shown = found[:, -1] >= DROP
-    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (~shown & (MOTION * limits <= span))
+    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (~shown & (MOTION * limits <= moved))
     beyond = int(np.append(-1, np.flatnonzero(hidden))[-1]) + 1
-    return LIMITS[beyond] if beyond < len(limits) and (shown & (MOVED * limits <= span))[beyond] else None
+    return LIMITS[beyond] if beyond < len(limits) and (shown & (MOVED * limits <= moved))[beyond] else None

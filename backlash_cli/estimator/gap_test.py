@@ -48,7 +48,7 @@ class GapTest(Frozen):
     gain: FloatArray
     share: FloatArray
     deviation: FloatArray
-    tied: FloatArray
+    tied_gain: FloatArray
     possible: NDArray[np.bool_]
     error_reduction: FloatArray
     counted: FloatArray
@@ -57,7 +57,7 @@ class GapTest(Frozen):
     @property
     def fit(self) -> FloatArray:
         """Gain (widths,) where the share is about 1, else -1; what the tied fit loses is held against it."""
-        return np.asarray(np.where(full(self.share), self.gain + TIED_COUNTS * np.minimum(self.tied, 0.0), -1.0))
+        return np.asarray(np.where(full(self.share), self.gain + TIED_COUNTS * np.minimum(self.tied_gain, 0.0), -1.0))
 
     @property
     def answer(self) -> FloatArray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..record import AT_LIMIT, Record, SampleState
-from .confirm import GAP
+from .confirm import HOLE
 from .predictor import Recording, recording_of
 from .width_profile import NARROWEST
 
@@ -24,8 +24,8 @@ def manual_stretches(record: Record) -> list[Recording]:
     lost = (state == SampleState.MISSING) | (state == SampleState.IMPLAUSIBLE)
     rows = np.flatnonzero(by_hand)
     others = np.cumsum(~by_hand & ~lost)
-    apart = np.flatnonzero((np.diff(others[rows]) > 0) | (np.diff(index[rows]) > GAP)) + 1
-    holes = np.append(0, np.flatnonzero(np.diff(index) > GAP) + 1)
+    apart = np.flatnonzero((np.diff(others[rows]) > 0) | (np.diff(index[rows]) > HOLE)) + 1
+    holes = np.append(0, np.flatnonzero(np.diff(index) > HOLE) + 1)
     found = []
     for part in np.split(rows, apart):
         if not len(part) or not gap_crossings(100.0 * output[part], NARROWEST):

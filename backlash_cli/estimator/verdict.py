@@ -10,7 +10,7 @@ import numpy as np
 from ..record import Frozen, Note
 from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from ..words import noted, said, times
-from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, read
+from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, weigh
 from .haegglund import SUPERVISION
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
@@ -18,6 +18,7 @@ AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement
 HEALTHY = 0.92  # of the strange loops that were cleared
 DOUBLED = 2.0  # evidence for the same confidence where data are limited, and for a call from a completed OP and such PV
 LIMITED = "limits"
+SWINGING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
@@ -66,7 +67,7 @@ class Findings(Frozen):
         """A note where the loop oscillates most of the time."""
         share, period = self.oscillation
         note = noted("oscillation", {"period_s": period, "share": share}, percent=100 * share)
-        return (note,) if share > 0.5 else ()
+        return (note,) if share > SWINGING else ()
 
 
 class Decision(Frozen):
@@ -122,7 +123,7 @@ def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     if tested.verdict not in at_least:
         missing = said("manual_test:trace" if c.details["trace"] else "manual_test:blind", d=c.d)
         if tested.verdict is Verdict.SUSPECTED:
-            against = "; ".join(note.message for note in read(c, output_step=f.output_step).against)
+            against = "; ".join(note.message for note in weigh(c, output_step=f.output_step).against)
             differ = next((note.message for note in tested.reasons if note.code == "methods_differ"), "")
             missing = against or (larger and differ) or tested.reasons[1].message
         return replace(automatic, reasons=(*automatic.reasons, note("undecided", missing=missing)))
@@ -144,7 +145,7 @@ def _joined(f: Findings, c: Confirmation) -> bool:
     other = f.confirmation
     if not isinstance(other, Confirmation) or f.limits:
         return False
-    lacking = {note.code for one in (c, other) for note in read(one, output_step=f.output_step).against}
+    lacking = {note.code for one in (c, other) for note in weigh(one, output_step=f.output_step).against}
     return lacking <= TOO_FEW and max(c.ci95[0], other.ci95[0]) <= min(c.ci95[1], other.ci95[1])
 
 
@@ -186,7 +187,7 @@ def _in_automatic(f: Findings) -> Decision:
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
-    reading, limits, of = read(c, output_step=f.output_step), f.limits, f.cluster
+    weighed, limits, of = weigh(c, output_step=f.output_step), f.limits, f.cluster
     imitated = float(c.details.get("imitation", 0.0)) / max(float(c.details.get("gain", 0.0)), 1e-9)
     evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
     sure = confidence(evidence / (DOUBLED if limits else 1.0), by_hand(c), imitated)
@@ -199,7 +200,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     # the number to report; what was found was seen: a limit above it would say that it cannot have been
     size = Cluster(c.d, c.ci95, (c.ci95[1] - c.ci95[0]) / (2.0 * c.d) if c.d > 0 else 0.0, of.n if of else 0,
                    of.share if of else 0.0, c.limit_of_detection and min(c.limit_of_detection, c.d))
-    if reading.clear:
+    if weighed.clear:
         known = c.details["output"] == "completed" and evidence > DOUBLED * CALLED and all(
             note.code == "interpolated" for note in limits)
         if limits and not (agree or known):
@@ -207,10 +208,10 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
     none = noted("play_does_not_fit", {"evidence": evidence}, origin=origin)
     if f.swinging:
-        found = reasons[0] if reading.some else none
-        return Decision(Verdict.OSCILLATING, (*f.swinging, found, *reading.against, *limits), 0.7, None)
-    if reading.some:
-        return Decision(Verdict.SUSPECTED, (*reasons, *reading.against, *limits), min(sure, 0.75), size)
+        found = reasons[0] if weighed.some else none
+        return Decision(Verdict.OSCILLATING, (*f.swinging, found, *weighed.against, *limits), 0.7, None)
+    if weighed.some:
+        return Decision(Verdict.SUSPECTED, (*reasons, *weighed.against, *limits), min(sure, 0.75), size)
     span, limit = float(c.details["output_range"]), c.limit_of_detection
     if c.details["trace"]:
         trace = noted("not_separable", {"d": c.d, "evidence": evidence})

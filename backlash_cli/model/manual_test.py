@@ -79,7 +79,7 @@ class _Blocks(Frozen):
     used: tuple[NDArray[np.bool_], ...]
     size: int
     interval: float
-    span: float
+    moved: float
 
     def stems(self, d: float, start: float) -> list[FloatArray]:
         return [block_means(play(u, d, u[0] + 0.5 * start * d), self.size) for u in self.outputs]
@@ -108,7 +108,7 @@ class _Blocks(Frozen):
         found = []
         for i, y in enumerate(self.measurement):
             stem = np.array([several[i] for several in stems])
-            both = np.stack([stem, stem * stem / self.span])
+            both = np.stack([stem, stem * stem / self.moved])
             rows = np.zeros((2 + len(self.used), len(stems), len(answers), len(y)))
             for k, a in enumerate(answers):
                 rows[:2, :, k] = a.of(both, self.interval)
@@ -146,8 +146,8 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     the `source`, and the evidence (nats) left without the turn of OP that brings the most (`elsewhere`)."""
     if (data := _blocks(recordings, interval)) is None:
         return noted("manual_short", least=FEWEST_BLOCKS)
-    if data.span < LEAST_MOTION:
-        return noted("manual_still", span=data.span)
+    if data.moved < LEAST_MOTION:
+        return noted("manual_still", span=data.moved)
     if not any(np.ptp(y[used]) > 0.0 for y, used in zip(data.measurement, data.used, strict=True)):
         return noted("manual_constant")
     longest = max(map(np.count_nonzero, data.used)) * data.interval
@@ -158,13 +158,13 @@ def manual_test(recordings: Sequence[Recording], interval: float, K: float | Non
     slow = FOREVER * longest
     noises = [Noise(w * float(np.sqrt(0.5 * slow / data.interval)), slow, s * data.interval)
               for w in WANDERS for s in SMOOTH]
-    scouts = [data.stems(d, 0.0) for d in (0.0, *(data.span * np.array(SCOUTS)))]
+    scouts = [data.stems(d, 0.0) for d in (0.0, *(data.moved * np.array(SCOUTS)))]
     for some in (answers[::FIRST], answers):  # the noise hangs little on the answer
         models = list(dict.fromkeys(chain(*_most_likely(data, scouts, noises, some))))
         noises = list(dict.fromkeys(noise for noise, _ in models))
     if (silent := _silent(data, models, answers, longest, K, Ti)) is not None:
         return silent
-    widths = np.geomspace(NARROWEST, max(TURN * data.span, LEAST_MOTION), WIDTHS)
+    widths = np.geomspace(NARROWEST, max(TURN * data.moved, LEAST_MOTION), WIDTHS)
     # answers about the best one of many dead bands: what only fits none better, for want of trying, tells nothing
     for d, kind in product((0.0, *widths[::APART]), (False, True)):
         if (alike := [model for model in models if model[1].integrating is kind]):
@@ -293,12 +293,12 @@ def _silent(data: _Blocks, models: Sequence[Model], answers: Sequence[Answer], l
         return None
     stems = data.stems(0.0, 0.0)
     quick = [a for a in answers if not a.integrating and any(
-        np.ptp(a.of(stem, data.interval)[used]) > 0.5 * data.span for stem, used in zip(stems, data.used, strict=True))]
+        np.ptp(a.of(stem, data.interval)[on]) > 0.5 * data.moved for stem, on in zip(stems, data.used, strict=True))]
     y, X, weights = data.whitened(models[k][0], data.columns([stems], quick))
     fits, _ = _likelihoods(X, y, weights, rounds=0)
     if not quick or float(np.max(np.abs(fits.coefficients[:, 0]) + 2.0 * fits.deviation)) > NO_ANSWER / abs(K):
         return None
-    return noted("manual_no_answer", {"at_least": data.span / 100.0})
+    return noted("manual_no_answer", {"at_least": data.moved / 100.0})
 
 
 def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArray, gains: FloatArray,
@@ -318,7 +318,7 @@ def _confirmation(data: _Blocks, models: Sequence[Model], none: _Fits, widths: F
     evidence, reduction = float(gains[at]), 1.0 - float(best.variance[model, start] / none.variance[model, 0])
     details: dict[str, float | str] = {"source": "manual_test", "evidence": evidence, "elsewhere": evidence - most,
         "edge": float(at in (0, len(widths) - 1)), "rows": float(len(gained)), "block_s": data.interval,
-        "output_range": data.span / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
+        "output_range": data.moved / 100.0, "crossings": float(data.crossings(d)), "recordings": float(tests),
         "trace": float(evidence >= TRACE), "sign_known": float(K is not None), "output": "recorded"}
     return confirmation(d, (low, high), max(reduction, 0.0), _limit(data, models, none, widths, gains), details,
                         widths, gains)
@@ -335,7 +335,7 @@ def _limit(data: _Blocks, models: Sequence[Model], none: _Fits, widths: FloatArr
     y, straight, _ = data.whitened(noise, data.columns([data.stems(0.0, 0.0)], answers))
     n, even = len(y), np.ones(len(y))
     limit = None
-    for d in LIMITS[data.span > MOTION * LIMITS][::-1]:
+    for d in LIMITS[data.moved > MOTION * LIMITS][::-1]:
         _, X, _ = data.whitened(noise, data.columns([data.stems(float(d), s) for s in STARTS], [answer]))
         said = np.einsum("c,rcm->mr", b, X)
         left = n * min(float(_likelihoods(straight, y, even, rounds=0)[0].variance.min()) for y in said)

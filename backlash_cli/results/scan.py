@@ -82,11 +82,11 @@ class Estimates(Frozen, Sequence[Estimate], eq=False):
 
 
 class Cluster(Frozen):
-    """Where the accepted estimates gather."""
+    """The size that is reported: where the accepted estimates gather, or what PV against OP tells."""
 
     d: float
     ci95: tuple[float, float]
-    spread: float  # interquartile range / d
+    spread: float  # interquartile range, or half the interval, / d
     n: int  # estimates in it
     share: float  # of all accepted estimates
     limit_of_detection: float | None = None  # smallest dead band that this record could have shown

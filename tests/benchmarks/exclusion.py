@@ -35,7 +35,7 @@ def table(folder: str | Path) -> pd.DataFrame:
             if asked.interval > COARSEST * asked.Ti:  # a verdict clears none of them
                 continue
             evidence = float(found.details["evidence"])
-            seen = signs([a.test for a in asked.asked], evidence, asked.length, asked.span)[:, :-1]
+            seen = signs([a.test for a in asked.asked], evidence, asked.length, asked.moved)[:, :-1]
             rows += [[true.d >= L, *of] for L, of in zip(LIMITS, seen, strict=True)]
     columns = ["there", "gain", "above the mean", "evidence", "length", "span over limit"]
     return pd.DataFrame(rows, columns=columns)

@@ -17,7 +17,7 @@ def gap(gain, share, deviation) -> GapTest:
 def test_the_signs_are_those_that_are_written_down():
     one = gap([90, 80, 4, 2, 1], [1, 1, 0.2, 0.1, 0.3], 0.1)
     two = gap([70, 66, 6, 0, 0], [1, 1, 0.6, 0.0, 0.1], 0.2)
-    found = signs([one, two], -3.0, length=200.0, span=6.0)[LIMITS.index(2.0)]
+    found = signs([one, two], -3.0, length=200.0, moved=6.0)[LIMITS.index(2.0)]
     # gains of 2 % and more: 5, 1, 0.5 in the mean; the first length is 10 above the mean at 0.5 %; 2 % is a width
     expected = [np.log1p(5.0), np.log1p(10.0), -np.log1p(3.0), *np.log([200.0, 3.0]), 0.5 * (50.0 + 12.5)]
     assert found == pytest.approx(expected)

@@ -180,7 +180,7 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_th
         tied = before.copy()
         tied[p.past_output] += G[j][:, rows]
         with_gap, b = loss(tied)
-        assert found.tied[j] == pytest.approx(0.5 * free * np.log(without / with_gap), rel=1e-3, abs=0.02)
+        assert found.tied_gain[j] == pytest.approx(0.5 * free * np.log(without / with_gap), rel=1e-3, abs=0.02)
         left, both = loss(np.vstack([before, b[p.past_output] @ G[j][:, rows]]))
         assert found.gain[j] == pytest.approx(0.5 * free * np.log(without / left), rel=1e-3)
         assert found.share[j] == pytest.approx(both[-1], rel=1e-3)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.criteria import read
+from backlash_cli.estimator.criteria import weigh
 from backlash_cli.estimator.predictor import Recording
 from backlash_cli.kernels import play
 from backlash_cli.model.manual_test import Answer, manual_test
@@ -73,14 +73,14 @@ def test_the_size_is_found_under_any_load(d, load):
     found = look(Plant(d, load=LOADS[load]))
     assert found.d == pytest.approx(d / 100, rel=0.15)
     assert found.ci95[0] <= d / 100 <= found.ci95[1]
-    assert read(found).clear
+    assert weigh(found).clear
 
 
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("seed", range(3))
 def test_a_healthy_valve_is_cleared_and_never_called(load, seed):
     found = look(Plant(load=LOADS[load], seed=seed))
-    assert not read(found).some
+    assert not weigh(found).some
     assert found.limit_of_detection is not None and found.limit_of_detection <= 0.02
 
 
@@ -89,34 +89,34 @@ def test_a_healthy_valve_is_cleared_and_never_called(load, seed):
     (Plant(2.0, gain=0.0, integ=-0.004, lags=(3.0,)), -1.0), (Plant(2.0, noise=0.0), 0.5)])
 def test_sign_level_and_a_pv_without_noise(plant, K):
     found = look(plant, K=K)
-    assert read(found).clear and found.d == pytest.approx(0.02, rel=0.12)
+    assert weigh(found).clear and found.d == pytest.approx(0.02, rel=0.12)
 
 
 @pytest.mark.parametrize("integ", [0.004, -0.004])
 def test_a_healthy_level_is_not_called(integ):
     for seed in range(4):
         found = look(Plant(gain=0.0, integ=integ, lags=(3.0,), seed=seed, load=wander(SAMPLES, seed)), K=100.0 * integ)
-        assert not read(found).some
+        assert not weigh(found).some
 
 
 def test_each_test_of_a_level_may_drift_in_its_own_way():
     parts = [Plant(gain=0.0, integ=0.004, lags=(3.0,), seed=i, load=load).recording(moves("udu"))
              for i, load in enumerate((0.0, 2.0, -3.0))]
     found = manual_test(parts, 1.0, 0.5)
-    assert isinstance(found, Confirmation) and not read(found).some
+    assert isinstance(found, Confirmation) and not weigh(found).some
 
 
 def test_a_curved_valve_is_no_dead_band():
     curved = PERCENT**1.8 / 50.0**0.8 / 1.8
     for seed in range(4):
-        assert not read(look(Plant(flow=curved, seed=seed), step=6.0)).some
-    assert read(look(Plant(3.0, flow=curved), step=6.0)).clear
+        assert not weigh(look(Plant(flow=curved, seed=seed), step=6.0)).some
+    assert weigh(look(Plant(3.0, flow=curved), step=6.0)).clear
 
 
 def test_ramps_tell_as_much_as_steps():
     ramps = np.interp(np.arange(1200), np.arange(0, 1201, 150), [0, 0, 6, 6, 0, 0, 6, 0, 0])
     found = manual_test([Plant(2.0).recording(ramps)], 1.0, 0.5)
-    assert isinstance(found, Confirmation) and read(found).clear and found.d == pytest.approx(0.02, rel=0.12)
+    assert isinstance(found, Confirmation) and weigh(found).clear and found.d == pytest.approx(0.02, rel=0.12)
 
 
 def test_several_tests_count_together():
@@ -124,7 +124,7 @@ def test_several_tests_count_together():
     one, all_of_them = (manual_test(some, 1.0, 0.5) for some in (parts[:1], parts))
     assert isinstance(one, Confirmation) and isinstance(all_of_them, Confirmation)
     assert all_of_them.details["evidence"] > 2.0 * float(one.details["evidence"])
-    assert read(all_of_them).clear and all_of_them.d == pytest.approx(0.015, rel=0.2)
+    assert weigh(all_of_them).clear and all_of_them.d == pytest.approx(0.015, rel=0.2)
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -133,7 +133,7 @@ def test_many_steps_under_a_load_that_wanders_are_not_blurred(seed):
     for d in (0.0, 2.0):
         plant = Plant(d, seed=seed, lags=(6.0, 3.0, 2.0), load=wander(LEAD + len(hand), seed))
         found = manual_test([plant.recording(hand)], 1.0, 0.5)
-        assert isinstance(found, Confirmation) and read(found).clear == (d > 0.0)
+        assert isinstance(found, Confirmation) and weigh(found).clear == (d > 0.0)
         if d:
             assert found.d == pytest.approx(d / 100, rel=0.15)
         else:
@@ -144,19 +144,19 @@ def test_many_steps_under_a_load_that_wanders_are_not_blurred(seed):
 def test_one_turn_is_no_proof_however_clear(pattern, code):
     found = look(Plant(2.0), pattern)
     assert float(found.details["evidence"]) > 30.0
-    assert [note.code for note in read(found).against] == ([code] if code else [])
+    assert [note.code for note in weigh(found).against] == ([code] if code else [])
 
 
 def test_a_load_that_jumps_when_op_turns_once_is_no_proof():
     hand = moves("uudduu")
     load = np.where(np.arange(LEAD + len(hand)) >= LEAD + 3 * HOLD, 2.0, 0.0)  # all of the first step back
     found = manual_test([Plant(load=load).recording(hand)], 1.0, 0.5)
-    assert isinstance(found, Confirmation) and not read(found).clear
+    assert isinstance(found, Confirmation) and not weigh(found).clear
 
 
 def test_much_noise_hides_it_and_nothing_is_cleared():
     found = look(Plant(1.0, noise=6.0), "uudd")
-    assert not read(found).clear and found.limit_of_detection is None
+    assert not weigh(found).clear and found.limit_of_detection is None
 
 
 def test_pv_that_does_not_answer_says_how_much_at_least():
