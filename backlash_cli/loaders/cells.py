@@ -16,8 +16,8 @@ from ..record import FloatArray, Frozen, IntArray
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
-# With the point as decimal sign: groups of three digits between separators, all of one kind.
-_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3})(?:\1\d{3})*(?:\.\d*)?(?:[eE][+-]?\d+)?$")
+# With the point as decimal sign: groups of three digits between separators of one kind; 1,25,300 as in India.
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})(?:\.\d*)?(?:e.*)?$")
 _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
@@ -35,8 +35,7 @@ class Lexicon(Frozen, eq=False):
     @cached_property
     def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
         """(values, bad, units) of the texts; blank text is nan and not bad."""
-        values = plain_numbers(self.words, self.decimal)
-        units = [""] * len(self.words)
+        values, units = plain_numbers(self.words, self.decimal), [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
         comma = decimal_sign([self.words[i] for i in rest[:5000]], self.decimal) == ","
         for i in rest:

@@ -216,8 +216,7 @@ class _Making:
         if not (items := loop.roles.get("mode", [])):
             return None, []
         found = [automatic(item.cells(), auto_modes, item.signal) for item in items]
-        notes = [note for _, more in found for note in more]
-        states = np.concatenate([auto for auto, _ in found])
+        notes, states = [note for _, more in found for note in more], np.concatenate([auto for auto, _ in found])
         signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, noted("mode_empty")]

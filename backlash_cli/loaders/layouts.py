@@ -28,8 +28,8 @@ _OPC = frozenset({*range(0, 256, 4), 219})
 class Head(Frozen):
     """The first rows of a file, not yet interpreted. where: path. stem: file name without ending and date. kinds: what
     cells look like ("time", "clock", "number", "text"), or "". home: loop or tag that folders name. Of text:
-    first_line, offset: where data begin. end: of what was looked at. start: of times without a date [microseconds since
-    1970], interval: between rows [microseconds], as lines above say, or 0."""
+    first_line, offset: where data begin. end: of what was looked at. As lines above say, or 0 [microseconds]: start
+    of times without a date, since 1970; interval between rows."""
 
     where: str
     stem: str
@@ -267,8 +267,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
     words = {i: head.plain[i].rstrip("0123456789") for i in values}
     alike = [i for i, word in words.items() if word in COLUMNS["quality"] and (  # Quality; Q1, Q2, Q3; no OP.Quality
         word == head.plain[i] or head.marks(i))]
-    roles = [i for i in values if head.tags[i].role in SIGNALS]
-    kinds = {words[i] for i in alike}
+    roles, kinds = [i for i in values if head.tags[i].role in SIGNALS], {words[i] for i in alike}
     of_row = len(signals) > 1 and len(kinds) == len(alike) and not any(min(signals) < i < max(signals) for i in alike)
     marked = signals if of_row else next(
         (own for own in (roles, signals) if len(own) == len(alike) and len(kinds) == 1), [])

@@ -120,19 +120,20 @@ def split_tag(text: str) -> Tag:
     if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
         before, role = bracket[1], signal_role(bracket[2])
         name = (f"{before}.{bracket[2]}" if (role and role != split_tag(before).role) or (
-            is_column(bracket[2], "statistic")) else before or bracket[2])
+            is_column(bracket[2], "statistic", "quality")) else before or bracket[2])
     parts = list(_PART.finditer(name))
     if len(parts) < 2:
         return Tag("", signal_role(name), name)
     last, cut = plain(parts[-1][1]), parts[-1].start()
     if plain(name[parts[-2].start() :]) in COLUMNS["quality"]:  # FIC101.PV_is_good
         last, cut = "quality", parts[-2].start()
-    marks = is_column(last, "quality")
+    marks = is_column(last, "quality") or (last in COLUMNS["fault"] and is_whole(name[:cut]))
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
     rest = name[parts[0].end() :].strip(" .-_/:|")
-    if len(name) <= NESTED_LIMIT and is_column(parts[0][1], "quality") and is_whole(rest):
-        return Tag(split_tag(rest).loop, "quality", parts[0][1], of=rest)  # Quality FIC101.PV
+    if len(name) <= NESTED_LIMIT and is_column(parts[0][1], "quality", "value") and is_whole(rest):
+        tag = split_tag(rest)  # Quality FIC101.PV, value_FIC101.PV
+        return Tag(tag.loop, "quality", parts[0][1], of=rest) if is_column(parts[0][1], "quality") else tag
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
     dots = "." in name  # C.SP is the setpoint of a loop C, L SP a local one
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):

@@ -124,8 +124,7 @@ class LoopSeries:
 
 
 class Signal(Frozen, eq=False):
-    """One signal over all files. values: (rows,) nan where blank or bad. bad: (rows,) what stood there is no good one.
-    faults: counted, by what is wrong and by tag."""
+    """One signal over all files. values: (rows,) nan where blank or bad. faults: counted, by what is wrong and tag."""
 
     times: Times
     values: FloatArray

@@ -54,8 +54,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         first = known.setdefault("unit", words[codes[codes >= 0][0]] if words else "")
         return np.append([word == first for word in words], True)[codes], [
             noted("other_unit", column=name, first=first, words=some(words))] * (words not in ([], [first]))
-    numbers, codes, words = _numbers_or_words(cells, all_texts=True)
-    extra, wanted = _named(further)
+    (numbers, codes, words), (extra, wanted) = _numbers_or_words(cells, all_texts=True), _named(further)
     if words and not extra and all(re.fullmatch(r"\s*0[xX][0-9a-fA-F]{1,8}\s*", word) for word in words):
         numbers = np.append([float(int(word, 16)) for word in words], np.nan)[codes]
     if numbers is not None:
@@ -104,8 +103,7 @@ def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[F
     if not mode_words(texts):  # MAN may also be what the output is in manual
         flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
         return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
-    numbers, codes, words = _numbers_or_words(cells, all_texts=False)
-    extra, named = _named(further)
+    (numbers, codes, words), (extra, named) = _numbers_or_words(cells, all_texts=False), _named(further)
     if numbers is not None:
         return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]

@@ -93,8 +93,7 @@ class TextTable:
             tables.append(table)
         yield _columns(tables)
         if self._bad:
-            cells, got, _, text = self._bad[0]
-            rows = float(sum(bad[2] for bad in self._bad))
+            (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
             other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
             code = "ragged_rows:delimiter" if other else "ragged_rows"
             code = "ragged_rows:quote" if rows > len(self._bad) or not cells else code
@@ -268,6 +267,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     spare = {*head.times, *(i for i, name in enumerate(head.plain) if name in VALUE)}.difference(
         columns, layout.naming, layout.further, *layout.stamps)
     table.notes += [noted("not_read", name=head.names[i]) for i in sorted(spare)]
+    table.notes += [noted("quality_unused", column=head.names[i]) for i in sorted({*layout.values}.difference(
+        *layout.quality.values())) if head.tags[i].role == "quality" or (not head.tags[i].role and head.marks(i))]
     blank = {i for i in columns if pa.types.is_null(head.columns[i].type)}
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(

@@ -34,7 +34,7 @@ LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
 DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
-_REGION = re.compile(r"[\s\[]([A-Za-z]+/[A-Za-z_/]+)\]?\s*$")  # 2026-03-17 08:00:00 Europe/Berlin
+_REGION = re.compile(r"[\s\[(]([A-Za-z]+/[A-Za-z_/]+)[\])]?\s*$")  # 2026-03-17 08:00:00 Europe/Berlin
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
@@ -112,6 +112,12 @@ def _whole_or_month(text: str) -> int:
     return int(text) if text.isdigit() else -MONTH.get(word, next(longer, MONTH.get(word[:3], 99)))
 
 
+def _region(text: str) -> ZoneInfo | None:
+    """The zone of a region that is named at the end of a text."""
+    found = _REGION.search(text)
+    return next((ZoneInfo(z) for z in available_timezones() if z.lower() == found[1].lower()), None) if found else None
+
+
 def _minutes_east(zone: str) -> int:
     """Minutes of a zone east of UTC, NAT for one that is not known."""
     if not zone or zone.upper() in ZONES:
@@ -163,7 +169,7 @@ class StampReader:
         found = _ZONE.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None
-        self._zone = ZoneInfo(options.timezone) if options.timezone else named
+        self._zone = ZoneInfo(options.timezone) if options.timezone else named or _region(self.name)
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
         self._within = False
 
@@ -244,8 +250,7 @@ class StampReader:
         def resolved(stamps: IntArray) -> IntArray:
             is_open = _is_open(stamps)
             if is_open.any():
-                numbers, clock = _unpacked(stamps[is_open])
-                stamps = stamps.copy()
+                (numbers, clock), stamps = _unpacked(stamps[is_open]), stamps.copy()
                 stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
             return stamps if zone is None else self._utc(stamps, zone)
 
@@ -302,8 +307,7 @@ class StampReader:
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:
         codes, words = codes_and_words(column)
         self._shown = self._shown or next((word for word in words if word.strip()), "")[:40]
-        if self._zone is None and words and (region := _REGION.search(words[0])):
-            self._zone = next((ZoneInfo(z) for z in available_timezones() if z.lower() == region[1].lower()), None)
+        self._zone = self._zone or _region(words[0] if words else "")
         if "%" in self.form:
             import pandas as pd
 

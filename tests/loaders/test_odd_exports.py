@@ -584,6 +584,20 @@ def test_two_commas_in_a_number_stand_between_thousands(tmp_path, delimiter):
     np.testing.assert_allclose(low + record.measurement * (high - low), 1e4 * SIGNALS["FIC101.PV"], atol=0.51)
 
 
+def test_numbers_as_in_india_and_quotes_behind_a_blank_are_read(tmp_path):
+    def indian(n, v):
+        whole = round(2e5 + 1e3 * v)
+        return f'"{whole // 100_000},{whole // 1000 % 100:02d},{whole % 1000:03d}.0"'
+
+    (tmp_path / "india.csv").write_text(wide(value=indian))
+    record = read(tmp_path / "india.csv")["FIC101"]
+    low, high = record.settings.pv_range
+    wanted = np.round(2e5 + 1e3 * SIGNALS["FIC101.PV"])
+    np.testing.assert_allclose(low + record.measurement * (high - low), wanted, atol=0.51)
+    quoted = "\n".join(", ".join(f'"{cell}"' for cell in line.split(",")) for line in wide().splitlines())
+    equals_the_recording(read(save(tmp_path, quoted))["FIC101"])
+
+
 def test_times_in_an_unknown_unit_are_refused_or_told(tmp_path):
     days = wide(lambda t: f"{(t - STAMPS[0]).total_seconds() / 86400:.9f}", time_name="Time")
     with pytest.raises(BacklashError, match="--time-format minutes, hours, days"):
@@ -595,7 +609,8 @@ def test_times_in_an_unknown_unit_are_refused_or_told(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "east"), [("Timestamp (UTC+01:00)", 1.0), ("Time [GMT-5]", -5.0), ("Time UTC", 0.0),
-                                            ("Zeit (MESZ)", 2.0), ("Timestamp CDT", -5.0), ("TIME", 0.0)])
+                                            ("Zeit (MESZ)", 2.0), ("Timestamp CDT", -5.0), ("TIME", 0.0),
+    ("Timestamp (America/New_York)", -4.0), ("Zeit [Europe/Berlin]", 1.0), ("Start Date/Time", 0.0)])
 def test_the_name_of_the_times_may_tell_their_zone(tmp_path, name, east):
     record = read(save(tmp_path, wide(time_name=name)))["FIC101"]
     assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() - 3600.0 * east

@@ -75,3 +75,42 @@ def test_codes_of_a_product_s_own_beside_those_of_opc_mark_what_is_bad(tmp_path,
     (bad,) = (note.message for note in record.notes if note.code == "bad_quality")
     assert "3 samples of area1/fic101/pv" in bad
     assert (record.state[np.isin(record.index, (110, 120, 130))] != SampleState.GOOD).all()
+
+
+@pytest.mark.parametrize(("value", "quality"), [
+    ("value_{}", "quality_{}"), ("Value {}", "Quality {}"), ("val:{}", "q:{}"), ("avg_{}", "status_{}"),
+    ("('value', '{}')", "('quality', '{}')"), ("{}", "{} (Quality)"), ("{}", "{}_ERR"), ("{}", "{}_FAULT")])
+def test_a_quality_is_told_by_what_stands_before_or_behind_its_signal(tmp_path, value, quality):
+    fault = quality.endswith(("ERR", "FAULT"))
+    words = ("0", "1") if fault else ("Good", "Bad")
+    names = ["FIC101.SP", "FIC101.PV", "FIC101.OP"]
+    lines = [",".join(f'"{head}"' for head in (
+        "Time", *(value.format(name) for name in names), *(quality.format(name) for name in names)))]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},{40 + np.cos(k / 7):.3f},"
+              f"{words[0]},{words[k == 110]},{words[0]}" for k in range(300)]
+    path = tmp_path / "plant.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (record,) = read(path)
+    assert record.loop == "FIC101" and record.state[record.index == 110] != SampleState.GOOD
+    assert [note.code for note in record.notes if "quality" in note.code] == ["bad_quality"]
+
+
+def test_the_control_error_is_no_flag_of_a_fault(tmp_path):
+    lines = ["Time,FIC101.SP,FIC101.PV,FIC101.OP,FIC101.ERR"]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},{40 + np.cos(k / 7):.3f},"
+              f"{-np.sin(k / 7):.3f}" for k in range(300)]
+    path = tmp_path / "plant.csv"
+    path.write_text("\n".join(lines) + "\n")
+    (record,) = read(path)
+    assert record.usable.all() and not [note for note in record.notes if "quality" in note.code]
+
+
+def test_a_quality_of_no_signal_is_told(tmp_path):
+    lines = ["Time,FIC101.SP,FIC101.PV,FIC101.OP,TI5.Quality"]
+    lines += [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},50,{50 + np.sin(k / 7):.3f},{40 + np.cos(k / 7):.3f},"
+              f"{'Bad' if k == 110 else 'Good'}" for k in range(300)]
+    path = tmp_path / "plant.csv"
+    path.write_text("\n".join(lines) + "\n")
+    plant = read(path)
+    assert plant["FIC101"].usable.all()
+    assert ["'TI5.Quality'" in note.message for note in plant.warnings if note.code == "quality_unused"] == [True]
