@@ -152,7 +152,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
-    named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS | TAG or i in head.loops), key=lambda i: (
+    named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS or i in head.loops), key=lambda i: (
         head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
     if not naming and kind in ("long", "tall"):
@@ -222,7 +222,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     named = [i for i in texts if head.plain[i] in TAG]
     if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
         rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
-        group = [i for i in rest if head.plain[i] in GROUPS]
+        group = [i for i in rest if head.plain[i] in GROUPS | LOOP]
         groups = [i for i in group if head.plain[i] != "measurement"] or (
             [i for i in rest if i in named] or group or rest)  # a tag tells more than a measurement of InfluxDB
         if groups:
