@@ -521,7 +521,7 @@ def test_tags_below_the_channels_of_a_recorder_name_its_signals(tmp_path):
     equals_the_recording(plant["FIC101"])
 
 
-@pytest.mark.parametrize("written", ["{:.2f}-", "{:.2f} -", "\u2212{:.2f}"])
+@pytest.mark.parametrize("written", ["{:.2f}-", "({:.2f})", "{:.2f} -", "\u2212{:.2f}"])
 def test_a_minus_may_stand_behind_its_number_or_be_a_printed_one(tmp_path, written):
     def value(tag, v):
         v -= 405.0 * (tag == "FIC101.PV")
