@@ -70,8 +70,7 @@ class Cells(Frozen, eq=False):
         flags = np.isinf(self.values)
         if not self.is_text:
             return self.values, flags
-        used, rows, which = self._used
-        values, bad, all_units = self.lexicon.parsed
+        (used, rows, which), (values, bad, all_units) = self._used, self.lexicon.parsed
         units, tally = [all_units[i].lower() for i in used], Counter[str]()
         for unit, count in zip(units, np.bincount(which).tolist(), strict=True):
             tally[unit] += count * bool(unit)

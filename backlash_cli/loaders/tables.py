@@ -171,9 +171,10 @@ class ParquetTable:
             raise InputError(**explained("same_names", tag=twice[:60]), where=self.where)
         # cells tell about the layout only where they are no plain measurements
         tell = pa.schema([f for k, f in enumerate(fields) if k == 0 or not pa.types.is_floating(f.type)])
-        begun = pa.Table.from_batches([*islice(file.iter_batches(HEAD_ROWS, columns=tell.names), 1)]).flatten()
-        told = dict(zip(begun.column_names, begun.columns, strict=True))
-        first = [told.get(f.name, pa.chunked_array([], f.type)) for f in fields]
+        alone = len(tell) == 1 and pa.types.is_timestamp(tell.types[0])  # its type says all
+        begun = pa.Table.from_batches([*islice(file.iter_batches(HEAD_ROWS, columns=tell.names), not alone)],
+                                      tell if alone else None).flatten()
+        first = [begun[f.name] if f.name in begun.column_names else pa.chunked_array([], f.type) for f in fields]
         words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
                  for c in first]
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
