@@ -27,7 +27,18 @@ def wide(*heads, role_of=tuple(SIGNALS), extra=lambda k: ()):
                                 for k in K)]) + "\n"
 
 
+def boxed(*heads):
+    """A table with lines around its cells, as the shells of SQLite and DuckDB draw it."""
+    widths = (19, 9, 9, 9)
+    ends = [lines[0] + lines[1].join("─" * (w + 2) for w in widths) + lines[2] for lines in ("┌┬┐", "├┼┤", "└┴┘")]
+    rows = [("ts", *(f"FIC101_{role}" for role in SIGNALS)), *heads,
+            *((STAMPS[k], *(f"{x[k]:g}" for x in SIGNALS.values())) for k in K)]
+    text = ["│ " + " │ ".join(f"{cell:^{w}}" for cell, w in zip(row, widths, strict=True)) + " │" for row in rows]
+    return "\n".join([ends[0], *text[: 1 + len(heads)], ends[1], *text[1 + len(heads) :], ends[2]]) + "\n"
+
+
 FORMS = {
+    "box of SQLite": boxed(), "box of DuckDB": boxed(("timestamp", "double", "double", "double")),
     "text of a query": long((19, 9, 8)),
     "text of a query, numbers to the right": long((19, 9, 8), "yes", (" STATUS", " ------", " Good  ")),
     "text of a query, with its count": long((19, 9, 8)) + "\n(900 rows affected)\n",
