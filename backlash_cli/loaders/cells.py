@@ -89,8 +89,7 @@ class Cells(Frozen, eq=False):
 
     def texts(self) -> tuple[IntArray, list[str]]:
         """Return (codes, words): the text of each cell, of numbers too, whole ones without a point; -1 if empty."""
-        used, rows, which = self._used
-        codes = np.full(len(self.values), -1)
+        (used, rows, which), codes = self._used, np.full(len(self.values), -1)
         codes[rows] = which
         known = np.flatnonzero(~np.isnan(self.values) & (codes < 0))
         values, which = np.unique(self.values[known], return_inverse=True)

@@ -137,8 +137,7 @@ def split_tag(text: str) -> Tag:
     # PLANT.FIC101_PV.F_CV before what the data base calls the value; "FIC101 Set Point" of two words; FIC101.PV
     dots = "." in name  # C.SP is the setpoint of a loop C, L SP a local one
     for drop, words in product(range(min(3, len(parts)), -1, -1), (3, 2, 1)):
-        kept = parts[: len(parts) - drop]
-        end = parts[-drop].start() if drop else len(name)
+        kept, end = parts[: len(parts) - drop], parts[-drop].start() if drop else len(name)
         if len(kept) >= words and (words == 1 or kept[-words].start() or not (dots and signal_role(kept[-1][1]))) and (
                 not drop or plain(name[end:]).removeprefix("in") in COLUMNS["attribute"] or (
                     {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):

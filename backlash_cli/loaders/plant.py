@@ -80,8 +80,7 @@ def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata
             except (ArrowException, AttributeError, ValueError, TypeError) as error:
                 raise InputError(**explained("table", problem=str(error).split("\n")[0][:300])) from None
     opened = open_plant(inputs, loops=loops, options=options)
-    joiner = Joiner((options or ReadOptions()).good_quality)
-    records, failures = list[Record](), list[Note]()
+    joiner, records, failures = Joiner((options or ReadOptions()).good_quality), list[Record](), list[Note]()
     for recipe in opened.recipes:
         try:
             records.append(recipe.record(joiner))
@@ -128,8 +127,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
                room: Room | None = None, salt: str | None = None, sources: Sequence[Source] | None = None) -> OpenPlant:
     """Find the loops of exports. taken: called with the bytes that were read. room: memory for samples, the rest is in
     scratch. salt: what a kept report depends on beside the data. sources: files, None: all. Raises BacklashError."""
-    options = options or ReadOptions()
-    given = [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
+    options, given = options or ReadOptions(), [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
     sources = find_sources(given) if sources is None else sources
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
     metadata, warnings = _metadata(given, sources, loops)

@@ -331,8 +331,7 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
 
 def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
     """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
-    header = "\0".join(head.names[i].strip() for i in naming)
-    keys = batch[naming[0]]
+    header, keys = "\0".join(head.names[i].strip() for i in naming), batch[naming[0]]
     keys = keys.cast(pa.int64(), safe=False) if pa.types.is_floating(keys.type) else keys if len(naming) == 1 else (
         pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "\0"))
     codes, words = codes_and_words(keys)

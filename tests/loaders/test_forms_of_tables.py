@@ -50,6 +50,8 @@ FORMS = {
     "a constant measurement beside the loop": wide(
         "_time,SP,PV,OP,_measurement,loop", extra=lambda k: ("pid", "FIC101")),
     "intervals": wide("Start Time,SP,PV,OP,End Time", extra=lambda k: (STAMPS[min(k + 1, ROWS - 1)],)),
+    "a date in its first row alone": wide("Date,Time,FIC101.SP,FIC101.PV,FIC101.OP").replace(
+        "2026-03-17 ", ",").replace("\n,", "\n17.03.2026,", 1),
     "valve demand": wide("Time,FIC101.LSP,FIC101.PV,FIC101.DEMAND"),
     "numbers beside texts": "\n".join(["timestamp,tag_name,value_num,value_txt", *(
         f"{s},FIC101.{role},{values[k]:g}," for k, s in enumerate(STAMPS) for role, values in SIGNALS.items())]),
