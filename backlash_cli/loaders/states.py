@@ -82,14 +82,14 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
     seen["usual"] = [*seen.get("usual", ()), float(np.median(known))]
     usual = median_low(seen["usual"])
+    if _ONE_IS_BAD.search(name) and low >= 0.0 and (high <= 1.0 or usual == 0.0):  # or numbers of faults
+        return values == 0.0, []
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
     if high >= 128:  # 128 to 255, below the bits of OPC HDA
         return values % (1 << 16) // 128 == 1.0, []
     if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
-    if _ONE_IS_BAD.search(name) and low >= 0.0 and high <= 1.0:
-        return values == 0.0, []
     if low == high:  # multiples of 4 are codes of OPC for what is bad
         good = usual == 0.0 or usual % 4.0 > 0.0
         return (values == usual) & good, [noted("quality_one", usual=usual)] * (good and usual != 1.0)

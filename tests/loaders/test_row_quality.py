@@ -82,7 +82,7 @@ def test_codes_of_a_product_s_own_beside_those_of_opc_mark_what_is_bad(tmp_path,
     ("('value', '{}')", "('quality', '{}')"), ("{}", "{} (Quality)"), ("{}", "{}_ERR"), ("{}", "{}_FAULT")])
 def test_a_quality_is_told_by_what_stands_before_or_behind_its_signal(tmp_path, value, quality):
     fault = quality.endswith(("ERR", "FAULT"))
-    words = ("0", "1") if fault else ("Good", "Bad")
+    words = ("0", "1" if quality.endswith("ERR") else "207") if fault else ("Good", "Bad")
     names = ["FIC101.SP", "FIC101.PV", "FIC101.OP"]
     lines = [",".join(f'"{head}"' for head in (
         "Time", *(value.format(name) for name in names), *(quality.format(name) for name in names)))]
