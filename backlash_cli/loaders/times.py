@@ -4,7 +4,7 @@ is known at the end: until then an open date is packed from its numbers and its 
 import re
 from collections.abc import Callable, Sequence
 from datetime import timedelta, timezone, tzinfo
-from functools import reduce
+from functools import lru_cache, reduce
 from zoneinfo import ZoneInfo, available_timezones
 
 import numpy as np
@@ -112,6 +112,7 @@ def _whole_or_month(text: str) -> int:
     return int(text) if text.isdigit() else -MONTH.get(word, next(longer, MONTH.get(word[:3], 99)))
 
 
+@lru_cache(64)
 def _region(text: str) -> ZoneInfo | None:
     """The zone of a region that is named at the end of a text."""
     found = _REGION.search(text)
@@ -201,10 +202,10 @@ class StampReader:
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
-        if is_text(columns[0].type):  # a date that stands in its first row alone holds for those below
-            dates = pa.concat_arrays([self._date, columns[0].cast(pa.string()).combine_chunks()])
-            columns = [pa.chunked_array([pc.fill_null_forward(dates)[1:]]), *columns[1:]]
-            self._date = columns[0].chunk(0)[-1:]
+        if is_text(columns[0].type) and 2 * columns[0].null_count > len(columns[0]):  # a date in its first row alone
+            dates = pc.fill_null_forward(pa.concat_arrays([self._date, columns[0].cast(pa.string()).combine_chunks()]))
+            columns, self._date = [pa.chunked_array([dates[1:]]), *columns[1:]], dates[-1:]
+            self.notes += [n for n in [noted("named_above", column=self.name)] if n not in self.notes]
         numbers = [np.where(np.abs(values := stored(column, {})[0]) < LIMIT, values, np.nan) for column in columns]
         if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
             if self._zones:
