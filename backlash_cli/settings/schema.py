@@ -216,7 +216,7 @@ def _settings_of(values: LoopValues) -> Settings:
         raise MetadataError(**explained("zero_kp"))
     if gain is not None and tuning.K is not None and gain * tuning.K < 0:
         gain = -gain
-        notes = (Note("kp_sign", f"Kp has the opposite sign of K, with which no loop is stable: taken as {gain:g}"),)
+        notes = (Note("kp_sign", f"K and Kp differ in sign, so that one of them is wrong; Kp counts as {gain:g}"),)
     if (units := str(given.get("units", "normalised")).lower()) not in ("normalised", "normalized", "engineering"):
         raise MetadataError(f"units = {given['units']!r} is not known", remedy='units is "normalised" or "engineering"')
     keys = (("Tf",), ("Kp",), ("theta",), ("pv_range",), ("op_range",), *RIVALS)
