@@ -54,9 +54,9 @@ def scan(plant: Plant | OpenPlant | Record | Iterable[Record], options: ScanOpti
     if isinstance(plant, OpenPlant):
         failures += plant.all_lost(lost, read=len(reports))
     alike = defaultdict[object, list[str]](list)
-    for one in (one for one in reports if one.cluster and (one.cluster.n or one.confirmation)):
-        evidence = one.confirmation and one.confirmation.delta_bic
-        alike[one.start, one.samples, one.cluster, evidence].append(one.loop)
+    for one in reports:
+        if one.cluster and (one.cluster.n or one.confirmation):
+            alike[one.start, one.samples, one.cluster, one.confirmation and one.confirmation.delta_bic].append(one.loop)
     warnings += tuple(noted("copied_loops", names=some(names)) for names in alike.values() if len(names) > 1)
     known = {report.loop for report in reports}
     own = [note for note in failures if note.values.get("loop") and note.values["loop"] not in known]

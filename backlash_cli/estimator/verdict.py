@@ -84,9 +84,7 @@ class Decision(Frozen):
 def decide(f: Findings) -> Decision:
     """Return the verdict on one loop: from the test in manual where it decides, else from automatic operation."""
     confirmation = f.confirmation if isinstance(f.confirmation, Confirmation) else None
-    automatic = _in_automatic(f)
-    automatic = replace(automatic, confirmation=confirmation, reasons=(
-        *automatic.reasons, *(note for note in f.limits if note not in automatic.reasons)))
+    automatic = replace(_with_limits(_in_automatic(f), f), confirmation=confirmation)
     if f.manual is None:
         return automatic
     if isinstance(f.manual, Confirmation):
@@ -98,12 +96,18 @@ def decide(f: Findings) -> Decision:
     return replace(automatic, reasons=(*automatic.reasons, f.manual))
 
 
+def _with_limits(decision: Decision, f: Findings) -> Decision:
+    """What limits the data is a reason of every decision, the last one where it was not said before."""
+    return replace(decision, reasons=(*decision.reasons, *(n for n in f.limits if n not in decision.reasons)))
+
+
 def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     """What a test in manual adds to the verdict from automatic operation."""
     storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
                     if note.code in STORAGE or (note.values.get("effect") == LIMITED
                                                 and not note.code.startswith("settings_")))  # in manual K is not used
-    tested = replace(_from_confirmation(replace(f, oscillation=(0.0, 0.0), quality=storage), c), confirmation=c)
+    of_test = replace(f, oscillation=(0.0, 0.0), quality=storage)
+    tested = replace(_with_limits(_from_confirmation(of_test, c), of_test), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))
     usable = f.cluster if f.cluster and f.cluster.n >= ENOUGH and not f.swinging and not f.blocking else None
     larger = usable is not None and usable.ci95[0] > c.ci95[1]
@@ -205,25 +209,25 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
             note.code == "interpolated" for note in limits)
         if limits and not (agree or known):
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
-        return Decision(Verdict.BACKLASH, (*reasons, *f.swinging, *limits), sure, size)
+        return Decision(Verdict.BACKLASH, (*reasons, *f.swinging), sure, size)
     none = noted("play_does_not_fit", {"evidence": evidence}, origin=origin)
     if f.swinging:
         found = reasons[0] if weighed.some else none
-        return Decision(Verdict.OSCILLATING, (*f.swinging, found, *weighed.against, *limits), 0.7, None)
+        return Decision(Verdict.OSCILLATING, (*f.swinging, found, *weighed.against), 0.7, None)
     if weighed.some:
-        return Decision(Verdict.SUSPECTED, (*reasons, *weighed.against, *limits), min(sure, 0.75), size)
+        return Decision(Verdict.SUSPECTED, (*reasons, *weighed.against), min(sure, 0.75), size)
     span, limit = float(c.details["output_range"]), c.limit_of_detection
     if c.details["trace"]:
         trace = noted("not_separable", {"d": c.d, "evidence": evidence})
-        return Decision(Verdict.CANNOT_TELL, (trace, *limits), 0.0, None)
+        return Decision(Verdict.CANNOT_TELL, (trace,), 0.0, None)
     coarse = tuple(note for note in f.quality if note.code in COARSE)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or any(n.code == COARSE[0] for n in coarse):
         values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")
         few = noted("little_information", {"output_range": span, **values}, what=what)
-        return Decision(Verdict.CANNOT_TELL, (*coarse, few, *limits), 0.0, None)
+        return Decision(Verdict.CANNOT_TELL, (*coarse, few), 0.0, None)
     seen = noted("limit_of_detection", {"limit": limit})
     others = () if f.tight is None else (noted("half_periods_only", {"published": f.tight.d}, n=f.tight.n),)
-    return Decision(Verdict.NO_BACKLASH, (none, seen, *others, *limits), 0.6 if limits else HEALTHY,
+    return Decision(Verdict.NO_BACKLASH, (none, seen, *others), 0.6 if limits else HEALTHY,
                     Cluster(0.0, (0.0, limit), 0.0, 0, 0.0, limit))
 
 

@@ -17,7 +17,8 @@ BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"]) 
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
 _UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
 # With the point as decimal sign: groups of three digits between separators of one kind; 1,25,300 as in India.
-_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})(?:\.\d*)?(?:e.*)?$")
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})"
+                      r"(?:\.\d*)?(?:[eE][+-]?\d+)?$")
 _SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"

@@ -409,7 +409,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     width = len(kinds)
     if options.columns or options.header_row is not None:
         if options.columns and len(options.columns) != width:
-            raise InputError(**explained("too_many_columns", names=len(options.columns), cells=width), where=where)
+            raise InputError(**explained("other_columns", names=len(options.columns), cells=width), where=where)
         if not (given := list(options.columns) or before.get(options.header_row or 0)):
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))

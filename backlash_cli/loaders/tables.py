@@ -285,9 +285,13 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     further = dict.fromkeys(layout.values, layout.further)
-    above = {i: pa.nulls(1, pa.string()) for i in layout.naming if is_text(head.columns[i].type) and (
-        2 * head.columns[i].null_count > len(head.columns[i]))}
+    above = {i: pa.nulls(1, pa.string()) for i in (*layout.naming, *(day for day, *rest in layout.stamps if rest)) if (
+        is_text(head.columns[i].type) and 2 * head.columns[i].null_count > len(head.columns[i]))}
     for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
+        for i, last in above.items():  # a report, as merged cells, names tag or day in the first row of its block
+            cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
+            cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
+            above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
         piece: Piece = {f"t{k}": reader.take([batch[i] for i in pair])
                         for k, (reader, pair) in enumerate(zip(readers, layout.stamps, strict=True))}
         for i in columns:
@@ -302,10 +306,6 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
-            for i, last in above.items():  # a report, as merged cells, names a tag in the first row of its block
-                cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
-                cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again
-                above[i], batch[i] = cells[-1:], pa.chunked_array([cells[1:]])
             piece["group"] = _numbered(batch, layout.naming, head, tags)
         raw.add(piece)
     # of words that are the same behind their last digit, as numbers with a unit are, one is looked at

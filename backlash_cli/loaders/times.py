@@ -172,7 +172,7 @@ class StampReader:
         named = timezone(timedelta(minutes=east)) if east != NAT else None
         self._zone = ZoneInfo(options.timezone) if options.timezone else named or _region(self.name)
         self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
-        self._within, self._date = False, pa.nulls(1, pa.string())  # the last one of dates in a column of their own
+        self._within = False
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
@@ -202,10 +202,6 @@ class StampReader:
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
-        if is_text(columns[0].type) and 2 * columns[0].null_count > len(columns[0]):  # a date in its first row alone
-            dates = pc.fill_null_forward(pa.concat_arrays([self._date, columns[0].cast(pa.string()).combine_chunks()]))
-            columns, self._date = [pa.chunked_array([dates[1:]]), *columns[1:]], dates[-1:]
-            self.notes += [n for n in [noted("named_above", column=self.name)] if n not in self.notes]
         numbers = [np.where(np.abs(values := stored(column, {})[0]) < LIMIT, values, np.nan) for column in columns]
         if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
             if self._zones:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from backlash_cli import read
 from backlash_cli.errors import LoopError
+from backlash_cli.loaders import ReadOptions
 from backlash_cli.loaders.grid import MAX_HOLE, NAT, SECOND, make_grid
 from backlash_cli.loaders.grid import ordered as ordered_by
 
@@ -184,6 +185,13 @@ def test_dates_that_no_recorder_has_are_told(tmp_path, begin, told):
     (record,) = read(tmp_path / "FIC101.csv")
     notes = [note.code for note in record.notes]
     assert ("unlikely_dates" in notes) is told and ("relative_time" in notes) is (not begin)
+
+
+def test_dates_that_no_calendar_has_are_told(tmp_path):
+    rows = [f"{-2 * 10**12 + 10**9 * k},50,{50 + k % 7},{40 + k % 5}" for k in range(50)]
+    (tmp_path / "FIC101.csv").write_text("\n".join(["time,SP,PV,OP", *rows]))
+    (record,) = read(tmp_path / "FIC101.csv", options=ReadOptions(time_format="epoch_s"))
+    assert "unlikely_dates" in [note.code for note in record.notes]
 
 
 def test_an_interval_that_changes_is_told():
