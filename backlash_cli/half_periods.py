@@ -139,25 +139,28 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
     ends = np.flatnonzero((sign[1:] * sign[:-1] < 0) | apart)  # last sample of each that ends
     firsts, crossed, before, behind = np.append(0, ends + 1), ~apart[ends], size[ends], size[ends + 1]
-    # how much of the step to the next sample lies before the error crosses zero
+    # how much of the step to the next sample lies before the error crosses zero; both triangles have the same area
     share = np.divide(before, before + behind, out=np.zeros(len(ends)), where=crossed)
-    area = np.add.reduceat(size, firsts)
+    area, triangle = np.add.reduceat(size, firsts), behind * share
     area[0] += o.area - 0.5 * size[0]
     area[-1] -= 0.5 * size[n]
-    area[:-1] -= 0.5 * before * (1.0 - share)
-    area[1:] -= 0.5 * behind * np.where(crossed, share, 1.0)
-    peak, moved = np.maximum.reduceat(size, firsts), np.zeros(len(firsts))
-    if (setpoint != o.last_setpoint).any():
-        steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
-        moved = np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), firsts)
-    peak[0], moved[0] = max(peak[0], o.e_max), moved[0] + o.move
+    area[:-1] -= 0.5 * np.where(crossed, triangle, before)
+    area[1:] -= 0.5 * np.where(crossed, triangle, behind)
     end = np.where(ends > 0, index[ends - 1], o.last_index) + share
     begin, began = np.append(o.begin, np.where(crossed, end, index[ends])), np.append(o.crossed, crossed)
-    done = Segments(begin[:-1], end, area[:-1], peak[:-1], sign[ends].astype(int), moved[:-1], began[:-1] & crossed)
+    complete, direction = began[:-1] & crossed, sign[ends].astype(int)
+    small = complete & ((area[:-1] < least[0]) | (end - begin[:-1] < least[1]))
+    kept = np.flatnonzero((direction != 0) & ~small)
+    # only of those that are kept, and of the one left open: what lies between two of them is one piece for `reduceat`
+    cuts, size[0] = np.append(np.stack([firsts[kept], firsts[kept + 1]], axis=1), firsts[-1]), o.e_max
+    peak, moved = np.maximum.reduceat(size, cuts)[::2], np.where(cuts[::2] == 0, o.move, 0.0)
+    if (setpoint != o.last_setpoint).any():
+        steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))
+        moved += np.add.reduceat(np.append(0.0, np.where(apart, 0.0, steps)), cuts)[::2]
+    done = Segments(begin[kept], end[kept], area[kept], peak[:-1], direction[kept], moved[:-1], complete[kept])
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    small = done.complete & ((done.area < least[0]) | (end - done.begin < least[1]))
-    return done.select(np.flatnonzero((done.direction != 0) & ~small)), left, int(np.count_nonzero(small))
+    return done, left, int(np.count_nonzero(small))
 
 
 class ErrorTrack:

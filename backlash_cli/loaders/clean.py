@@ -158,7 +158,7 @@ class _Making:
         y = normalised(measured, scaled.pv_range)
         y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge,
                                  None if output is None else output == measured)
-        self.counts.update(samples=last - first, **{k: int(on[first:last].sum()) for k, on in marks.items()})
+        self.counts.update(samples=last - first, **{k: int(np.count_nonzero(x[first:last])) for k, x in marks.items()})
         missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]

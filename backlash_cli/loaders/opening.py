@@ -31,7 +31,7 @@ from .sources import day_of, is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
 
-CHUNK, BLOCK, SAMPLE = 1 << 20, 4 << 20, 64 << 10  # bytes: read at once, handed on at once, that tell the encoding
+CHUNK, BLOCK, SAMPLE = 1 << 17, 4 << 20, 64 << 10  # bytes: read at once, handed on at once, that tell the encoding
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
@@ -154,12 +154,11 @@ class Text:
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
     """Yield text in blocks of whole lines; a line longer than a block is one block."""
-    parts, enough = list[bytes | bytearray](), BLOCK
+    block, enough = bytearray(), BLOCK
     for piece in pieces:
-        parts.append(piece)
-        if sum(map(len, parts)) < enough:
+        block += piece
+        if len(block) < enough:
             continue
-        block = bytearray().join(parts)
         end = b"\n" if b"\n" in block else b"\r"
         last = block.rfind(end)
         begin = block.rfind(b'"', 0, last)
@@ -169,9 +168,9 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         del block[last + 1 :]
         if block:
             yield block
-        parts, enough = [rest], max(BLOCK, 2 * len(rest))
-    if any(parts):
-        yield bytearray().join(parts)
+        block, enough = rest, max(BLOCK, 2 * len(rest))
+    if block:
+        yield block
 
 
 def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> str:

@@ -114,7 +114,7 @@ class TextTable:
             names[i]: kind for i, kind in types.items() if kind is not None}}
         threads = threads and pa.cpu_count() > 1
         reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(1 << (
-            19 if threads else 21), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
+            19 if threads else 20), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
                                       invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
