@@ -100,11 +100,10 @@ class OpenHalfPeriod(Frozen):
     last_error: float
     last_setpoint: float
 
-    def ended(self, end: float, complete: bool) -> Segments:
-        """Return it as a half period that ends at `end`; none where the error was zero throughout."""
-        values = (self.begin, end, self.area, self.e_max, self.sign, self.move, complete)
-        one = Segments(*(np.array([x]) for x in values))
-        return one.select(one.direction != 0)
+    def ended(self) -> Segments:
+        """Return it as an incomplete half period up to the last sample; none where the error was zero throughout."""
+        values = (self.begin, float(self.last_index), self.area, self.e_max, self.sign, self.move, False)
+        return Segments(*(np.array([x])[: abs(self.sign)] for x in values))
 
 
 def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
@@ -181,8 +180,7 @@ class ErrorTrack:
 
     def finish(self) -> Segments:
         """All half periods, the open one as incomplete."""
-        left = [] if self.open is None else [self.open.ended(float(self.open.last_index), False)]
-        return Segments.join([*self.parts, *left])
+        return Segments.join(self.parts if self.open is None else [*self.parts, self.open.ended()])
 
 
 class ErrorScanner:

@@ -304,8 +304,7 @@ def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p:
 
     ends: [n valve and process effects, n with load effects, n with sensor effects] into the effects' tables.
     line: delay line of process inputs. level, rest: process output and input at rest. Returns the sample at
-    which the process output left level +- limit, or the number of samples.
-    """  # fmt: skip
+    which the process output left level +- limit, or the number of samples."""  # fmt: skip
     order, size = readout.size, line.size
     x, new = np.zeros(order), np.zeros(order)
     output, place = pid_state[6], 0

@@ -91,7 +91,7 @@ def run(e, sp, index, cuts):
     for a, b in zip([0, *cuts], [*cuts, len(e)], strict=True):
         done, left, _ = segment(e[a:b], sp[a:b], index[a:b], left)
         parts.append(done)
-    return Segments.join([*parts, *([] if left is None else [left.ended(float(left.last_index), False)])])
+    return Segments.join([*parts, *([] if left is None else [left.ended()])])
 
 
 @st.composite

@@ -163,10 +163,10 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
-    rest = [i for i in values if i not in named]
+    rest = [i for i in values if i not in named and len(values) > 1]  # a state that stands alone is the value
     quality = head.qualities([i for i in rest if is_column(head.names[i], "quality")]) or tuple(
-        [i for i in rest if len(values) > 1 and head.marks(i)][:1])
-    rest = [i for i in rest if i not in quality]
+        [i for i in rest if head.marks(i)][:1])
+    rest = [i for i in values if i not in (*named, *quality)]
     numbers = [i for i in rest if i not in head.texts and not head.counts(i)]
     value = (named or numbers or rest)[:1]
     if not value or (not named and len(numbers) > 1):

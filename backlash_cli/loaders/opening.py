@@ -363,7 +363,7 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
         width, count = Counter(map(len, rows)).most_common(1)[0]
-        if width < 2 or (candidate == " " and "\t" in lines[-1]):  # blanks within cells
+        if width < 2 or (candidate == " " and any(all(mark in line for line in lines) for mark in "\t;|")):  # in cells
             continue
         kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
         known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")

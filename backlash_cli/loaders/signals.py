@@ -222,7 +222,7 @@ class Joiner:
             np.concatenate([part.values for part in parts]), np.concatenate([part.bad for part in parts]))
         units, points = changed_size(one.values) if role in ("pv", "op") else (0, 0)
         faults |= {(code, chosen[0].tag): Counter({"": count})
-                   for code, count in (("unit_change", units), ("points_lost", points)) if count}
+                   for code, count in (("unit_change", units), ("points_lost", points))}
         return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:
@@ -231,15 +231,15 @@ class Joiner:
         notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
-        faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)} if bad.any() else {}
+        faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
         for column, name in item.marks.items():  # good is what all of them call so
             known = {} if self.only is None else self._marks.setdefault((item.axis.where, item.tag, name), {})
             called, more = good_samples(item.axis.cells(f"v{column}"), self.good_quality, name, known)
             good, notes = good & called, [*notes, *more]
         for code in ("bad_quality", "no_values"):
             wrong = no_values(values) if code == "no_values" else ~good if item.marks else None
+            faults[code, item.tag] = Counter({code: 0 if wrong is None else int(np.count_nonzero(wrong[own]))})
             if wrong is not None and wrong.any():
-                faults[code, item.tag] = Counter({code: int(np.count_nonzero(wrong[own]))})
                 bad, values = bad | wrong, np.where(wrong, np.nan, values)
         return Signal(times, values, bad, tuple(notes), faults)
 

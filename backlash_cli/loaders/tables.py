@@ -88,10 +88,10 @@ class TextTable:
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
             line, rows = line + counted, sum(one.num_rows for one in tables)
             if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
-                yield _columns(tables)
+                yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
                 tables = []
             tables.append(table)
-        yield _columns(tables)
+        yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
         if self._bad:
             (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
             other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
@@ -120,12 +120,14 @@ class TextTable:
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
             quoted_strings_can_be_null=True, strings_can_be_null=True, auto_dict_encode=True,
             auto_dict_max_cardinality=4096, true_values=["\x00"], false_values=["\x00"], **chosen)
-        return pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
-
-
-def _columns(tables: list[pa.Table]) -> Batch:
-    whole = pa.concat_tables(tables)
-    return {int(name[1:]): column for name, column in zip(whole.column_names, whole.columns, strict=True)}
+        before, mark = len(self._bad), re.escape(self.head.delimiter.encode())
+        table = pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
+        if any(got > cells for cells, got, *_ in self._bad[before:]):  # blank cells behind the last column are none
+            row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, len(names) - 1, mark)
+            if (less := re.sub(rb"(?m)^(%b)(?:%b *)+(\r?)$" % (row, mark), rb"\1\2", block)) != block:
+                del self._bad[before:]
+                return self._parsed(less, types, threads)
+        return table
 
 
 @lru_cache(16)

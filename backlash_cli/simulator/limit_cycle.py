@@ -1,8 +1,7 @@
 """Does backlash make this loop oscillate by itself, how fast and how far? From the describing function (1) of backlash.
 
 N is gain and phase that a gap gives to a sine of amplitude a. With r = d/a, for a >= d/2 (a smaller sine does not move
-the valve at all):
-Re N = 1/pi [ pi/2 + asin(1 - r) + (1 - r) sqrt(r (2 - r)) ],  Im N = -1/pi r (2 - r).
+the valve at all): Re N = 1/pi [ pi/2 + asin(1 - r) + (1 - r) sqrt(r (2 - r)) ],  Im N = -1/pi r (2 - r).
 N depends on d/a only. Source: Haegglund (2007), eq. 1."""
 
 from typing import NamedTuple

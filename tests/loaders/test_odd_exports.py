@@ -704,11 +704,47 @@ def test_the_table_of_another_loop_below_is_read(tmp_path, more):
     equals_the_recording(plant["FIC101"])
 
 
-@pytest.mark.parametrize("form", ["%y%m%d%H%M%S", "%Y%m%d%H%M%S000", "%d%m%Y%H%M%S", "%d%m%y%H%M"])
+@pytest.mark.parametrize("form", ["%y%m%d%H%M%S", "%d%m%Y%H%M%S", "%d%m%y%H%M"])
 def test_digits_of_dates_are_no_times_since_1970(tmp_path, form):
     with pytest.raises(BacklashError, match="--time-format"):
         read(save(tmp_path, wide(lambda t: (t + (t - STAMPS[0]) * 59 * form.endswith("M")).strftime(form),
                                  time_name="Time")))["FIC101"]
+
+
+@pytest.mark.parametrize("options", [{}, {"time_format": "%Y%m%d%H%M%S%f"}])
+def test_digits_of_dates_with_the_millisecond_are_read_to_the_last_one(tmp_path, options):
+    text = wide(lambda t: (t + timedelta(milliseconds=125)).strftime("%Y%m%d%H%M%S%f")[:-3], time_name="TIMESTAMP")
+    record = read(save(tmp_path, text), options=ReadOptions(**options))["FIC101"]
+    equals_the_recording(record)
+    assert record.start % 1.0 == 0.125 and record.interval == 1.0
+
+
+@pytest.mark.parametrize("mark", [";", ",", "|", "\t"])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_blank_cells_behind_the_last_column_are_none(tmp_path, mark, line_end):
+    """A row that has more cells than names because its last ones are blank is whole; one with words there is not."""
+    head, *rows = wide(delimiter=mark).splitlines()
+    rows = [row + mark * (k % 4) + " " * (k % 2) + "remark" * (k == 303) for k, row in enumerate(rows)]
+    plant = read(save(tmp_path, line_end.join([head, *rows]) + line_end))
+    assert np.flatnonzero(plant["FIC101"].state != SampleState.GOOD).tolist() == [303]
+    found, wanted = plant["FIC101"].measurement * 900.0, SIGNALS["FIC101.PV"]
+    np.testing.assert_allclose(np.delete(found, 303), np.delete(wanted, 303), atol=1e-3)
+    assert [note.values["rows"] for note in plant.warnings if note.code == "ragged_rows"] == [1.0]
+
+
+def test_a_state_that_stands_alone_is_the_value(tmp_path):
+    """Home automation calls the value so, and writes words where it has none."""
+    text = long(lambda tag, stamp, value: f"{tag},{'unknown' if stamp == STAMPS[7] else value},{iso(stamp)}.000Z",
+                "entity_id,state,last_changed")
+    record = read(save(tmp_path, text))["FIC101"]
+    assert np.flatnonzero(record.state != SampleState.GOOD).tolist() == [7] and "not_numbers" in codes(record.notes)
+
+
+def test_a_title_of_two_cells_does_not_decide_what_parts_the_cells(tmp_path):
+    """Blanks part title, date and time into two cells, and semicolons every row into five."""
+    text = long(lambda tag, stamp, value: f"{stamp:%d.%m.%Y %H:%M:%S};{tag};{value.replace('.', ',')};degC;Gut",
+                "Datum/Zeit;Objekt;Wert;Einheit;Qualität", before="Trendansicht;Regelkreis Heizung\n\n")
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
 
 
 @pytest.mark.parametrize("extra", ["12,5", "7,1"])
