@@ -197,5 +197,4 @@ def record_from_arrays(setpoint: object, measurement: object, output: object | N
     if op is not None:
         bad |= ~np.isfinite(op)
     state = np.where(bad, SampleState.MISSING, SampleState.GOOD).astype(np.uint8)
-    index = np.arange(len(pv), dtype=np.int64)
-    return Record(loop, start, interval, index, sp, pv, op, state, own, extra, notes)
+    return Record(loop, start, interval, np.arange(len(pv), dtype=np.int64), sp, pv, op, state, own, extra, notes)

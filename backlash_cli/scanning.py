@@ -196,9 +196,7 @@ class LoopScanner:
             causes = [note.message for note in self.notes.values() if note.code in UNUSABLE]
             return noted("insufficient_data", used=used, of=self._survey.samples,
                          why="; ".join(causes) or "export a longer time")
-        if not self._survey.with_setpoint:
-            return noted("no_setpoint")
-        return None
+        return None if self._survey.with_setpoint else noted("no_setpoint")
 
 
 def scan(record: Record, options: ScanOptions | None = None) -> LoopReport:

@@ -187,5 +187,4 @@ def _summary(config: NightlyConfig, done: Done, places: Sequence[Place]) -> str:
              f"scanned {some(done['scanned'], 5)} (loop nights: {nights})" if done["scanned"] else
              f"nothing new ({len(done['known'])} known)"]
     parts += [f"{words} {some(found, 5)}" for words, found in said.items() if found]
-    parts += [f"report {config.outputs.report}"] * (config.outputs.report is not None)
-    return terminal("; ".join(parts))
+    return terminal("; ".join(parts + [f"report {config.outputs.report}"] * (config.outputs.report is not None)))

@@ -25,6 +25,8 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
         raise UsageError("nothing says where to write", remedy="add --out FILE, for example --out plant.csv")
     settings = out.with_name(f"{stem_of(out)}.loops.toml")
     truth = truth or out.with_name(f"{stem_of(out)}.truth.csv")
+    if len({out.absolute(), settings.absolute(), truth.absolute(), Path(scenario).absolute()}) < 4:
+        raise UsageError("two files cannot have one name", where=f"{truth}", remedy="choose another --truth or --out")
     there = [str(path) for path in (out, settings, truth) if path.exists()]
     if there and not force:
         raise UsageError(f"{', '.join(there)} exists", remedy="choose another --out, or add --force to replace it")
@@ -33,8 +35,8 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     write_plant(out, records, layout=layout, finest=resolution)
     write_settings(settings, records)
     write_truth(truth, truth_rows(loops))
-    size = f"{counted(len(records), 'loop')}, {sum(map(len, records))} samples"
-    click.echo(f"{size} -> {out}, {settings.name}, {truth.name}", err=True)
+    size = counted(len(records), "loop")
+    click.echo(f"{size}, {sum(map(len, records))} samples -> {out}, {settings.name}, {truth.name}", err=True)
 
 
 def effects(verbose: bool) -> None:
@@ -46,8 +48,7 @@ def effects(verbose: bool) -> None:
         if verbose:
             for q in effect.parameters:
                 click.echo(f"    {q.name}: {q.meaning}, {q.low:g} to {q.high:g}, neutral {q.neutral:g}")
-            use = "models and simulations" if effect.fitted else "simulations only"
-            click.echo(f"    For {use}. Source: {effect.source}.")
+            click.echo(f"    For {'models and ' * effect.fitted}simulations. Source: {effect.source}.")
 
 
 def paper(html: Path | None, json_file: Path | None) -> int:

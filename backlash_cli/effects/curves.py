@@ -57,9 +57,8 @@ SATURATION = effect("saturation", Stage.VALVE, no_memory, stop_step, fitting=Fit
 
 def flow_step(state: FloatArray, value: float, p: FloatArray) -> float:
     flow = value if p[0] == 0.0 else np.expm1(p[0] * value) / np.expm1(p[0])
-    if p.size == 1 or p[1] == 1.0:  # a sensor has no pipe in series
-        return flow
-    return flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
+    # a sensor has no pipe in series
+    return flow if p.size == 1 or p[1] == 1.0 else flow / np.sqrt(p[1] + (1.0 - p[1]) * flow * flow)
 
 
 # gentle to strong curves, bent either way, and linear valves with little to much pipe in series

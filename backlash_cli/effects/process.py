@@ -54,9 +54,7 @@ def delay_step(state: FloatArray, value: float, p: FloatArray) -> float:
     place = (place + 1) % size
     state[0] = place
     newer = state[2 + place]
-    if fraction == 0.0:
-        return newer
-    return newer + fraction * (older - newer)
+    return newer if fraction == 0.0 else newer + fraction * (older - newer)
 
 
 def late(values: FloatArray, samples: float) -> FloatArray:
@@ -125,9 +123,7 @@ SECOND_LAG = effect("second_lag", Stage.PROCESS, lag_start, lag_step, fitting=Fi
 def drift_step(state: FloatArray, value: float, p: FloatArray) -> float:
     hours = state[0] * (state[1] / 3600.0)
     state[0] += 1.0
-    if p[0] == 0.0:
-        return value
-    return value + p[0] * hours * (value - p[1])
+    return value if p[0] == 0.0 else value + p[0] * hours * (value - p[1])
 
 
 def drifts(clues: Clues) -> list[Values]:

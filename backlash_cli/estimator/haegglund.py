@@ -113,8 +113,7 @@ def detect_oscillation(segments: Segments, interval: float, Ti: float) -> tuple[
     x <- lambda x + 1. segments: of the error after the measurement filter alone. Source: Haegglund (1995)."""
     large = np.flatnonzero(segments.complete & (segments.area * interval > AMPLITUDE * Ti / np.pi))
     ages = segments.end[large] * interval / (SUPERVISION * Ti)
-    counts = np.exp(np.logaddexp.accumulate(ages) - ages)  # one counts 1/e after the supervision time
-    inside = counts >= ENOUGH
+    inside = np.exp(np.logaddexp.accumulate(ages) - ages) >= ENOUGH  # one counts 1/e after the supervision time
     if not inside.any():
         return 0.0, 0.0
     span = float(segments.end[-1] - segments.begin[0])

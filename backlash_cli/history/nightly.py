@@ -87,10 +87,15 @@ def read_config(path: str | Path) -> NightlyConfig:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
-    return msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
+    config = msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
         fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
         reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
+    files = [file.absolute() for file in (path, config.history, config.lock, page.loops, page.limits, page.log.file,
+                                          page.outputs.report, page.outputs.trend) if file]
+    if twice := next((file for file in files if files.count(file) > 1), None):
+        raise MetadataError(**explained("one_file_twice", file=twice.name), where=where)
+    return config
 
 
 class DatedExport(Frozen):
@@ -195,8 +200,9 @@ def lock(path: Path) -> Iterator[str]:
             taken = True
         file.seek(0)
         before = file.read(200).decode("utf-8", "replace").strip()
-        if not taken:
-            raise BacklashError(**explained("busy", who=before or "unknown"), where=str(path))
+        if not taken or (before and not before.startswith("process ")):  # what is no lock stays as it is
+            name = "lock:other" if taken else "busy"
+            raise BacklashError(**explained(name, who=before or "unknown"), where=str(path))
         file.truncate(0)
         file.write(f"process {os.getpid()} on {socket.gethostname()}\n".encode())
         try:

@@ -217,7 +217,7 @@ class History(contextlib.AbstractContextManager["History"]):
         except sqlite3.Error as error:
             name = getattr(error, "sqlite_errorname", "")
             known = next((words for kind, words in WORDS["history"].items() if name.startswith(kind)),
-                         f"the history cannot be used: {error} -> check the file")
+                         f"the history cannot be used: {error} -> restore it from a backup, or move it away")
             what, _, remedy = known.rpartition(" -> ")
             raise BacklashError(what, where=str(self.path), remedy=remedy,
                                 code="history_busy" if name.startswith(BUSY) else "history_unusable") from error

@@ -198,11 +198,11 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete
     names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
         return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
-    notes = []
+    notes, free = [], sorted(name for name in series if metadata.match(name) is None)
     for name in names:
         tags = ", ".join(metadata.loops[name].tags.values())
-        hint = f"its tags {tags} are not there" if tags else nearest(name, sorted(series)) if complete else (
-            "not all files could be read")
+        hint = f"its tags {tags} are not there" if tags else "not all files could be read" if not complete else (
+            nearest(name, free) if free else f"there are {some(sorted(series))}")
         notes.append(noted("loop_not_found", {"loop": name}, hint=hint))
     return notes
 

@@ -128,7 +128,7 @@ def series_of(problem: Problem, predicted: FloatArray, shape: Shape) -> Series:
 
 def notes(problem: Problem, record: Record, model: Model | None = None) -> tuple[Note, ...]:
     """Return what a reader should know about the record before believing a model of it."""
-    out = [note for note in record.notes if note.code.startswith("guessed_")]
+    out = [*record.notes]
     out += () if model is None else loads_left_out(model, problem)
     missing = float(np.mean(np.isnan(problem.recorded)))
     if missing > 0.1:

@@ -34,8 +34,7 @@ def half_widths(problem: Problem, fitted: Fit) -> dict[Place, float]:
     solver, shape = Solver(problem, fitted.noise), fitted.shape
     free = free_numbers(problem, shape)
     _, rss, rest = solver.rest(shape)
-    others = solver.columns(shape)
-    X = np.column_stack([-slopes(solver, shape, free), -others])
+    X = np.column_stack([-slopes(solver, shape, free), -solver.columns(shape)])
     G = X.T @ X
     scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-30))
     # a number without any slope gets a huge, but finite, deviation

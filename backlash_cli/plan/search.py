@@ -245,8 +245,7 @@ class Subject:
             _, run, begin = twin.play(test, 0, around=AROUND * twin.controller.Ti)
         except LoopError:
             return None
-        step = run.scenario.step
-        first = max(round((begin - AROUND * twin.controller.Ti) / step), 0)
+        first = max(round((begin - AROUND * twin.controller.Ti) / run.scenario.step), 0)
         pick = np.linspace(first, len(run.output) - 1, POINTS).astype(np.int64)
         return Course(tuple(np.round(run.time[pick] - begin, 2).tolist()),
                       *(tuple(np.round(x[pick], 6).tolist()) for x in (run.setpoint, run.measurement, run.output)))

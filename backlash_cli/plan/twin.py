@@ -137,8 +137,7 @@ class Twin(Frozen, eq=False):
             recorder=tuple(Recorder(use("quantization", step=step), (name,))
                            for name, step in zip(("PV", "OP"), self.rounding, strict=True) if step))
         if test.kind == "manual_test":
-            before = replace(scenario, duration=begin)
-            stood = float(trace(before).output[-1])
+            stood = float(trace(replace(scenario, duration=begin)).output[-1])
             edges = begin + test.hold * np.arange(len(test.levels) + 1)
             scenario = replace(scenario, manual=tuple(Manual(a, b, float(np.clip(stood + test.move * level, 0.0, 1.0)))
                 for a, b, level in zip(edges, edges[1:], test.levels, strict=False)))

@@ -11,12 +11,13 @@ from typing import Any
 from ..errors import MetadataError, nearest
 from ..record import Frozen, LoopSettings, Note
 from ..toml_text import Page, checked, line_of, parsed
-from ..words import explained
+from ..words import explained, noted
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
 LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd",
              "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
+LONGEST, LARGEST, LOOP_GAIN = 30 * 86400.0, 1e9, 50.0  # times [s] and gains that are possible; K Kp of a working loop
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _CONSTANT = re.compile(_NUMBER.replace(r"\.", "[.,]"))
@@ -95,8 +96,7 @@ def parse_table(text: str, where: str) -> Metadata:
     """Read metadata from CSV text with a column `loop`; empty cells are not set, a row `defaults` holds for all.
 
     Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column."""
-    head = text.partition("\n")[0]
-    delimiter = max(";\t,", key=head.count)
+    delimiter = max(";\t,", key=text.partition("\n")[0].count)
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
@@ -206,17 +206,21 @@ def settings_of(values: LoopValues | None) -> Settings:
 
 def _settings_of(values: LoopValues) -> Settings:
     given = values.values
-    tuning, notes = to_ideal(given), tuple[Note, ...]()
-    times = {key: seconds(given[key], key) for key in ("Tf", "theta") if key in given}
-    for key, value in times.items():
-        if value < 0:
-            raise MetadataError(f"{key} must not be negative, not {value:g}", remedy=f"give {key} in seconds")
-    gain = number(given["Kp"], "Kp") if "Kp" in given else None
-    if gain == 0:
-        raise MetadataError(**explained("zero_kp"))
-    if gain is not None and tuning.K is not None and gain * tuning.K < 0:
-        gain = -gain
-        notes = (Note("kp_sign", f"K and Kp differ in sign, so that one of them is wrong; Kp counts as {gain:g}"),)
+    (K, Ti, Td), notes = to_ideal(given), tuple[Note, ...]()
+    Tf, theta = (seconds(given[key], key) if key in given else None for key in ("Tf", "theta"))
+    Kp = number(given["Kp"], "Kp") if "Kp" in given else None
+    for key, value in {"Ti": Ti, "Td": Td, "Tf": Tf, "theta": theta}.items():
+        if not 0.0 <= (value or 0.0) <= LONGEST:
+            raise MetadataError(**explained("no_time", key=key, value=value))
+    for key, value in {"K": K, "Kp": Kp}.items():
+        if value is not None and not 1.0 / LARGEST <= abs(value) <= LARGEST:
+            raise MetadataError(**explained("no_gain" if value else "zero_kp", key=key, value=value))
+    odd = [f"{key} = {x:g}" for key, x, most in (("Td", Td, Ti), ("Tf", Tf, Ti), ("Kp", Kp, LOOP_GAIN / abs(K or 1.0)))
+           if x and most and abs(x) > most]
+    notes += (noted("settings_doubtful", told=" and ".join(odd), K=K, Ti=Ti),) if odd else ()
+    if Kp is not None and K is not None and Kp * K < 0:
+        Kp = -Kp
+        notes += (Note("kp_sign", f"K and Kp differ in sign, so that one of them is wrong; Kp counts as {Kp:g}"),)
     if (units := str(given.get("units", "normalised")).lower()) not in ("normalised", "normalized", "engineering"):
         raise MetadataError(f"units = {given['units']!r} is not known", remedy='units is "normalised" or "engineering"')
     keys = (("Tf",), ("Kp",), ("theta",), ("pv_range",), ("op_range",), *RIVALS)
@@ -227,7 +231,7 @@ def _settings_of(values: LoopValues) -> Settings:
             "sp", (str, int, float), '"TAG"'), *((role, (str, int), '"TAG"') for role in ROLE_KEYS[1:])):
         if isinstance(value := given.get(key, "-"), bool) or not isinstance(value, kinds) or value == "":
             raise MetadataError(f"{key} may not be {value!r:.60}", remedy=f"write {key} = {usual}")
-    loop = LoopSettings(*tuning, times.get("Tf"), gain, times.get("theta"), source=source)
+    loop = LoopSettings(K, Ti, Td, Tf, Kp, theta, source=source)
     return Settings(loop, _range(given, "pv_range"), _range(given, "op_range"), units == "engineering",
                     tuple(map(str, modes if isinstance(modes, (list, tuple)) else [modes])),
                     None if setpoint is None or "sp" in values.tags else number(setpoint, "sp"), notes)

@@ -51,8 +51,7 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             guessed.append((name, *span))
         loop = loop.with_values("data", **{name: span})
     if guessed and settings.loop.K is not None and not settings.engineering:
-        names = " and ".join(name for name, _, _ in guessed)
-        raise LoopError(**explained("missing_range", names=names))
+        raise LoopError(**explained("missing_range", names=" and ".join(name for name, *_ in guessed)))
     for name, low, high in guessed:
         limits = {"effect": "limits"} if name == "op_range" else {}  # a size is in parts of this span
         notes.append(noted(f"guessed_{name}", {"low": low, "high": high, **limits}))

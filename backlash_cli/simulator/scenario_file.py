@@ -196,8 +196,8 @@ def parse_process(text: str) -> Process:
         except ValueError:
             number = float("nan")
         if name not in _PROCESS_NAMES or name in given or number != number:
-            raise MetadataError(f"'{part}' is not understood", where="--process",
-                                remedy=f"{nearest(name, ['K', 'T', 'T2', 'L'])} - {PROCESS}")
+            near = f"{nearest(name, ['K', 'T', 'T2', 'L'])} - " * (name not in _PROCESS_NAMES)
+            raise MetadataError(f"'{part}' is not understood", where="--process", remedy=near + PROCESS)
         given[name] = number
     named = {_PROCESS_NAMES[name]: value for name, value in given.items()}
     if "lag" not in named:
