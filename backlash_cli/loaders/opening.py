@@ -76,8 +76,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
             raise InputError(f"this is {what}, not CSV or Parquet", where=str(path), remedy=remedy)
     if magic.startswith((b"PK\x03\x04", b"PK\x05\x06")):  # the other: an archive without a file
         named = path.name.lower().endswith(WORKBOOKS)  # or the first file in it tells
-        packed = re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:])
-        return "workbook" if named or packed else "archive"
+        return "workbook" if named or re.match(rb"xl/|docProps/|_rels/|\[Content_Types\]", magic[30:]) else "archive"
     return "parquet" if magic.startswith(b"PAR1") else "text"
 
 
@@ -320,6 +319,9 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
         found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
+    # lines above, or a column, name the zone: as if the header did
+    zone = next((cell for name, cell in (*above, *zip(names, data[0])) if is_column(name, "zone")), "")  # noqa: B905
+    names = tuple(f"{n} ({'UTC' * (zone[0] in '+-')}{zone})" if zone and is_column(n, "time") else n for n in names)
     return Head(where, stem, names, (), kinds, title if titled else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
                 end, 0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
@@ -333,8 +335,7 @@ def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadO
     days = [*{*days}] or [day_of(Path(where).name)] * ("clock" in kinds)
     reader = StampReader(["date"], ReadOptions(timezone=None if "clock" in kinds else options.timezone), where)
     with contextlib.suppress(InputError):  # an open one
-        clock = clocks[-1:] if ":" not in "".join(days) else ()
-        stamps = reader.take([pa.array([" ".join([*days, *clock])])])
+        stamps = reader.take([pa.array([" ".join([*days, *clocks[-1:] * (":" not in "".join(days))])])])
         return max(int(reader.finish()(stamps)[0]), 0) if len(days) == 1 else 0
     return 0
 

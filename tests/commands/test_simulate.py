@@ -10,6 +10,7 @@ from backlash_cli.__main__ import cli
 from backlash_cli.effects import EFFECTS
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
+from backlash_cli.simulator.scenario_file import scenario_text
 
 
 @pytest.fixture
@@ -38,6 +39,14 @@ def test_writes_export_settings_and_truth(run, tmp_path):
 def test_two_results_have_two_names(run):
     with pytest.raises(BacklashError, match="two results cannot have one name"):
         run("example-2", "--out", "a.csv", "--truth", "a.csv")
+
+
+def test_the_truth_never_takes_the_place_of_settings_or_scenario(run, tmp_path):
+    (tmp_path / "s.toml").write_text(scenario_text("example-1"))
+    for arguments in (["a.loops.toml"], ["s.toml", "--force"], ["./s.toml", "--force"]):
+        with pytest.raises(BacklashError, match="two files cannot have one name"):
+            run("s.toml", "--out", "a.csv", "--truth", *arguments)
+    assert (tmp_path / "s.toml").read_text() == scenario_text("example-1") and not (tmp_path / "a.csv").exists()
 
 
 def test_layouts_and_formats_agree(run):

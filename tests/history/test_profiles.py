@@ -61,6 +61,9 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
     (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
+    (GOOD + 'lock = "n.toml"', "n.toml is named for two things"), (GOOD + 'lock = "h.db"', "h.db is named for two"),
+    (GOOD + 'loops = "l.toml"\n[outputs]\ntrend = "l.toml"', "l.toml is named for two things"),
+    ('inputs = "x"\nhistory = "h.html"\n[outputs]\nreport = "h.html"', "h.html is named for two things"),
 ])
 def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
     with pytest.raises(BacklashError) as caught:
@@ -88,6 +91,14 @@ def test_only_one_job_works_and_a_stale_lock_is_taken_over(tmp_path):
     subprocess.run([sys.executable, "-c", code, str(path)], check=False)
     with lock(path) as stale:
         assert "stopped before its end" in stale
+
+
+@pytest.mark.parametrize("content", [b"timestamp,FIC101.PV\n1,2\n", b"SQLite format 3\0", b"\xff\xfe"])
+def test_a_file_that_is_no_lock_stays_as_it_is(tmp_path, content):
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(BacklashError, match="not a lock of a nightly job"), lock(tmp_path / "x"):
+        pass
+    assert (tmp_path / "x").read_bytes() == content
 
 
 def test_a_lock_that_cannot_be_made(tmp_path):

@@ -71,12 +71,15 @@ def test_mistakes_are_placed(text, where, words):
      ("pv_range = [900, 0]", "reversed"), ("op_range = [0, 5, 9]", "two numbers"),
      ("pv_range = 900", "two numbers"), ("op_range = ['a', 'b']", "must be a number"), ("Kp = 0", "must not be zero"),
      ("Kp = nan", "must be a number"), ("theta = -3", "must not be negative"), ("Tf = -1", "must not be negative"),
+     ("Ti = 1e30", "longer than 30 days"), ("theta = 1e9", "longer than 30 days"), ("Kp = 1e-300", "is not possible"),
+     ("K = 1e-300", "is not possible"), ("K = -1e12", "is not possible"), ("Td = '1e9 h'", "longer than 30 days"),
      ("pv = ['FT1']", "pv may not be"), ("mode = ''", "mode may not be"), ("op = 1.5", "op may not be"),
      ("auto_modes = true", "auto_modes may not be"), ("units = 'bar'", "units"),
      ("pv_range = [-1e308, 1e308]", "too wide"), ("Kp = 'x'", "must be a number")],
 )  # fmt: skip
 def test_wrong_values_name_key_and_remedy(values, words):
-    metadata = parse_toml(f"[loops.A]\nK = 1\nTi = 2\n{values}\n", "x")
+    usual = "".join(line for line in ("K = 1\n", "Ti = 2\n") if line.split()[0] != values.split()[0])
+    metadata = parse_toml(f"[loops.A]\n{usual}{values}\n", "x")
     with pytest.raises(MetadataError, match=words) as caught:
         settings_of(metadata.loops["A"])
     assert caught.value.remedy
@@ -87,6 +90,17 @@ def test_gain_signs_belong_together():
     assert settings.loop.Kp == -1.2
     assert [note.code for note in settings.notes] == ["kp_sign"]
     assert not settings_of(parse_toml("[loops.A]\nK = -0.5\nTi = 3\nKp = -1.2\n", "x").loops["A"]).notes
+
+
+@pytest.mark.parametrize(("values", "told"), [
+    ("Td = 500", "Td = 500:"), ("Tf = 5000", "Tf = 5000:"), ("Kp = 130", "Kp = 130:"),
+    ("Tf = 40\nKp = -200", "Tf = 40 and Kp = -200:"),
+    ("Td = 7\nTf = 1.4\nKp = 1.3\ntheta = 90", ""), ("Kp = 20", ""), ("theta = 200", "")])
+def test_times_and_gains_that_can_hardly_be_are_told(values, told):
+    text = f"[loops.A]\nK = 0.6\nTi = 28\n{values}\n"
+    notes = [note for note in settings_of(parse_toml(text, "x").loops["A"]).notes if note.code != "kp_sign"]
+    assert [note.code for note in notes] == ["settings_doubtful"] * bool(told)
+    assert all(note.message.startswith(told) for note in notes)
 
 
 def test_table_with_the_same_keys(tmp_path):

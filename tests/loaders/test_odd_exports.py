@@ -400,6 +400,16 @@ def test_a_time_zone_that_is_not_used_is_told(tmp_path, stamp, told):
     assert ("timezone_unused" in [note.code for note in record.notes]) is told
 
 
+@pytest.mark.parametrize("words", ["Raw,{}", "Raw, {}", "Interpolated|{}"])
+def test_a_kind_of_value_may_stand_before_its_quality(tmp_path, words):
+    def row(tag, stamp, value):
+        good = tag != "FIC101.PV" or int((stamp - STAMPS[0]).total_seconds()) not in SPOILT
+        return f"{tag};{iso(stamp)};{value if good else 0};{words.format('Good' if good else 'Bad')}"
+
+    record = read(save(tmp_path, long(row, "tag;time;value;status")))["FIC101"]
+    assert np.count_nonzero(record.state != SampleState.GOOD) == len(SPOILT) and (record.measurement > 0.3).all()
+
+
 @pytest.mark.parametrize("called", [
     "FIC101.PV_is_good", "FIC101.PV Quality Code", "FIC101.PV.StatusCode", "FIC101.PV.Q"])
 def test_a_quality_may_be_called_by_two_words(tmp_path, called):
@@ -738,6 +748,27 @@ def test_a_state_that_stands_alone_is_the_value(tmp_path):
                 "entity_id,state,last_changed")
     record = read(save(tmp_path, text))["FIC101"]
     assert np.flatnonzero(record.state != SampleState.GOOD).tolist() == [7] and "not_numbers" in codes(record.notes)
+
+
+@pytest.mark.parametrize(("zone", "hours"), [("Europe/Berlin", -1), ("UTC+02:00", -2), ("-05:00", 5), ("CET", -1)])
+@pytest.mark.parametrize("place", ["above", "apart", "column"])
+def test_a_zone_beside_the_stamps_is_that_of_the_stamps(tmp_path, zone, hours, place):
+    head, *rows = wide(time_name="Date,Time" if place == "apart" else "Time").splitlines()
+    rows = [row.replace("T", "," if place == "apart" else " ", 1) for row in rows]
+    lines = [f"Time zone: {zone}", head, *rows] if place == "above" else [
+        f"{head},Time Zone", *(f"{row},{zone}" for row in rows)]
+    for timezone, east in ((None, hours), ("Asia/Tokyo", -9)):  # what the user says counts more
+        record = read(save(tmp_path, "\n".join(lines) + "\n"), options=ReadOptions(timezone=timezone))["FIC101"]
+        equals_the_recording(record)
+        assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() + 3600.0 * east
+
+
+@pytest.mark.parametrize("stamp", ["{:%Y-%m-%dT%H:%M:%SZ}", "{0:%s}"])
+def test_a_zone_beside_stamps_that_need_none_moves_nothing(tmp_path, stamp):
+    since = {"{0:%s}": lambda t: str(int(t.replace(tzinfo=dt.UTC).timestamp()))}.get(stamp, stamp.format)
+    head, *rows = wide(since, time_name="Time").splitlines()
+    record = read(save(tmp_path, "\n".join([f"{head},TZ", *(f"{row},Asia/Tokyo" for row in rows)]) + "\n"))["FIC101"]
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
 
 
 def test_a_title_of_two_cells_does_not_decide_what_parts_the_cells(tmp_path):

@@ -11,7 +11,7 @@ from backlash_cli.errors import LoopError
 from backlash_cli.model import compare, explain
 from backlash_cli.model.locate import turning_points
 from backlash_cli.model.problem import noise_floor, problem_from_record
-from backlash_cli.record import LoopSettings, Record, SampleState, record_from_arrays
+from backlash_cli.record import LoopSettings, Note, Record, SampleState, record_from_arrays
 
 from ..benchmarks.strange_plant import swinging_door
 from ..estimator.closed_loop import Loop, run
@@ -45,6 +45,12 @@ def test_a_dead_band_shows_after_reversals() -> None:
     assert sum(r.share for r in bands) == pytest.approx(1.0, abs=1e-6)
     blocks = [r for r in found.where if r.kind == "time"]
     assert sum(r.share for r in blocks) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_reading_said_of_the_data_is_said_with_the_model() -> None:
+    said = Note("setpoint_apart", "SP and PV lie far apart", {"effect": "blocks"})
+    record = replace(loop(noise=0.001), notes=(said,))
+    assert said in compare(record).warnings and said in explain(record).warnings
 
 
 def test_a_kept_model_holds_on_another_day_and_fails_when_the_gap_grows() -> None:
