@@ -298,6 +298,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}
     names = header_of(before, kinds, options, where)
+    text.notes += [noted("header_unused")] * any(options.columns and score_names(r) > 1 for r in before.values())
     kinds = tuple("clock" if is_column(name, "clock") and kinds.count("time") > 1 and all(
         DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ

@@ -95,8 +95,7 @@ class TextTable:
         if self._bad:
             (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
             other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
-            code = "ragged_rows:delimiter" if other else "ragged_rows"
-            code = "ragged_rows:quote" if rows > len(self._bad) or not cells else code
+            code = f"ragged_rows{':quote' if rows > len(self._bad) or not cells else ':delimiter' * bool(other)}"
             self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
                                  text=text[:40], other=other)]
 

@@ -35,6 +35,7 @@ LOAD_STEPS = 12
 SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
 STILL = 1e-9  # of span: a valve that turns by less stands
+DOUBTFUL = "settings_doubtful"
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 
@@ -94,7 +95,7 @@ def compensate(record: Record, *, process: Process | None = None, dead_band: flo
     settings = report.settings
     if settings.K is None or settings.Ti is None:
         raise LoopError(**explained("missing_settings"), where=record.loop)
-    if wrong := next(filter(contradicts, report.reasons), None):
+    if wrong := next((n for n in (*report.reasons, *report.warnings) if contradicts(n) or n.code == DOUBTFUL), None):
         raise LoopError(**explained("wrong_settings", problem=wrong.message), where=record.loop)
     d, interval, d_source = size_of(report, dead_band)
     controller = Controller.of(settings)

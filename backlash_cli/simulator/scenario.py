@@ -99,8 +99,9 @@ class Scenario(Frozen):
 
     def __post_init__(self) -> None:
         for name in ("duration", "step"):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name)
+            if not 0.0 < getattr(self, name) <= self.duration < np.inf:
+                raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name,
+                                    remedy="give seconds: duration above 0, step at most as long")
         if max(self.duration, self.process.dead_time) / self.step > 5e7:
             raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
         if not max(abs(self.output), abs(self.setpoint.level)) < LARGEST:

@@ -771,6 +771,15 @@ def test_a_zone_beside_stamps_that_need_none_moves_nothing(tmp_path, stamp):
     assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
 
 
+@pytest.mark.parametrize("header", [True, False])
+def test_names_given_in_the_place_of_a_header_are_told(tmp_path, header):
+    head, *rows = wide().splitlines()
+    text = "\n".join([head] * header + rows) + "\n"
+    plant = read(save(tmp_path, text), options=ReadOptions(columns=tuple(head.split(","))))
+    equals_the_recording(plant["FIC101"])
+    assert ("header_unused" in codes(plant.warnings)) is header
+
+
 def test_a_title_of_two_cells_does_not_decide_what_parts_the_cells(tmp_path):
     """Blanks part title, date and time into two cells, and semicolons every row into five."""
     text = long(lambda tag, stamp, value: f"{stamp:%d.%m.%Y %H:%M:%S};{tag};{value.replace('.', ',')};degC;Gut",

@@ -9,7 +9,7 @@ import pytest
 from backlash_cli.commands.options import dead_band
 from backlash_cli.errors import LoopError, MetadataError, UsageError
 from backlash_cli.model.problem import noise_floor
-from backlash_cli.record import record_from_arrays
+from backlash_cli.record import Note, record_from_arrays
 from backlash_cli.reporter.advice import ADVICE, compensation
 from backlash_cli.simulator import Controller, Process, Scenario, Signal, simulate, trace, use
 from backlash_cli.simulator.compensation import (
@@ -264,6 +264,13 @@ def test_settings_that_did_not_make_the_record_are_refused():
     with pytest.raises(LoopError) as error:
         compensate(replace(record, settings=replace(record.settings, Ti=record.settings.Ti / 60.0)), dead_band=D)
     assert error.value.code == "wrong_settings" and "minutes" in str(error.value)
+
+
+def test_settings_that_can_hardly_be_are_refused():
+    doubt = Note("settings_doubtful", "Tf = 5000 can hardly be beside K = 0.6 and Ti = 28 s")
+    with pytest.raises(LoopError, match="Tf = 5000 can hardly be") as error:
+        compensate(replace(recording(), notes=(doubt,)), dead_band=D)
+    assert error.value.code == "wrong_settings"
 
 
 def test_a_dead_band_that_is_not_there_is_refused():

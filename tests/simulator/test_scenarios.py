@@ -73,6 +73,7 @@ def test_named_scenarios_run(name):
         ("duration = 100.0", "", "needs duration"),
         ("duration = 100.0", 'duration = "2 h"', r"\[simulation\] duration: '2 h' is not a number -> without quotes"),
         ("duration = 100.0", "duration = -1.0", r"loops.FIC1\]: duration = -1"),
+        ("step = 0.1", "step = 200.0", r"step = 200 s is not possible.*step at most as long"),
         ("step = 0.1", "step = 0.3", "record_interval = 1 s is not a multiple"),
         ("scheme = 9", "scheme = 5", "scheme 5"),
         ("pv_range = [0, 900]", "pv_range = [900, 900]", "not a range"),
