@@ -313,17 +313,17 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         text.notes.append(noted("decimal_comma", number=numbers[0]))
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
-    titled = bool(title) and any(is_column(name, "value") for name in names)  # "Tag: FIC101.PV" above "Value"
     above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
              in (*pairwise(row), *(cell.partition(":")[::2] for cell in row))]
-    # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"
+    # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
         found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
     # lines above, or a column, name the zone: as if the header did
-    zone = next((cell for name, cell in (*above, *zip(names, data[0])) if is_column(name, "zone")), "")  # noqa: B905
-    names = tuple(f"{n} ({'UTC' * (zone[0] in '+-')}{zone})" if zone and is_column(n, "time") else n for n in names)
-    return Head(where, stem, names, (), kinds, title if titled else loop,
+    zone = next((c for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "").strip()
+    zone = f" ({'UTC' * zone.startswith(('+', '-'))}{zone})" * (len(zone.split()) == 1)
+    names = tuple(n + zone * (is_column(n, "time") and n[-1] not in ")]") for n in names)
+    return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
                 end, 0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
 

@@ -763,6 +763,15 @@ def test_a_zone_beside_the_stamps_is_that_of_the_stamps(tmp_path, zone, hours, p
         assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() + 3600.0 * east
 
 
+@pytest.mark.parametrize(("line", "name"), [
+    ("Time zone: (UTC+01:00) Amsterdam, Berlin", "Time"), ("Time zone: CET", "Date (y-m-d)"),
+    ("Time zone: W. Europe Standard Time", "Time"), ("Time zone:", "Time")])
+def test_a_zone_that_is_not_understood_does_no_harm(tmp_path, line, name):
+    record = read(save(tmp_path, f"{line}\n{wide(time_name=name)}"))["FIC101"]
+    equals_the_recording(record)
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
+
+
 @pytest.mark.parametrize("stamp", ["{:%Y-%m-%dT%H:%M:%SZ}", "{0:%s}"])
 def test_a_zone_beside_stamps_that_need_none_moves_nothing(tmp_path, stamp):
     since = {"{0:%s}": lambda t: str(int(t.replace(tzinfo=dt.UTC).timestamp()))}.get(stamp, stamp.format)
