@@ -133,7 +133,7 @@ def command(name: str) -> click.Command:
     def run(**given: Any) -> int | None:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((path for path in results if results.count(path) > 1), None):
-            raise UsageError("two results cannot have one name", where=f"{twice}", remedy="choose another for one")
+            raise UsageError("this file is named for two things", where=f"{twice}", remedy="choose another for one")
         there = list[Path]()
         for path in results:
             from ..reporter.files import told

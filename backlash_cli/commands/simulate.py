@@ -26,7 +26,7 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
     settings = out.with_name(f"{stem_of(out)}.loops.toml")
     truth = truth or out.with_name(f"{stem_of(out)}.truth.csv")
     if len({out.absolute(), settings.absolute(), truth.absolute(), Path(scenario).absolute()}) < 4:
-        raise UsageError("two files cannot have one name", where=f"{truth}", remedy="choose another --truth or --out")
+        raise UsageError("this file is named for two things", where=f"{truth}", remedy="choose another --truth")
     there = [str(path) for path in (out, settings, truth) if path.exists()]
     if there and not force:
         raise UsageError(f"{', '.join(there)} exists", remedy="choose another --out, or add --force to replace it")

@@ -37,14 +37,14 @@ def test_writes_export_settings_and_truth(run, tmp_path):
 
 
 def test_two_results_have_two_names(run):
-    with pytest.raises(BacklashError, match="two results cannot have one name"):
+    with pytest.raises(BacklashError, match="this file is named for two things"):
         run("example-2", "--out", "a.csv", "--truth", "a.csv")
 
 
 def test_the_truth_never_takes_the_place_of_settings_or_scenario(run, tmp_path):
     (tmp_path / "s.toml").write_text(scenario_text("example-1"))
     for arguments in (["a.loops.toml"], ["s.toml", "--force"], ["./s.toml", "--force"]):
-        with pytest.raises(BacklashError, match="two files cannot have one name"):
+        with pytest.raises(BacklashError, match="this file is named for two things"):
             run("s.toml", "--out", "a.csv", "--truth", *arguments)
     assert (tmp_path / "s.toml").read_text() == scenario_text("example-1") and not (tmp_path / "a.csv").exists()
 

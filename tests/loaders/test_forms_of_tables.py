@@ -39,6 +39,9 @@ def boxed(*heads):
 
 FORMS = {
     "box of SQLite": boxed(), "box of DuckDB": boxed(("timestamp", "double", "double", "double")),
+    "columns of the shell of InfluxDB": "\n".join([
+        "name: FIC101", f"{'time':20}op   pv     sp", f"{'----':20}--   --     --", *(
+        f"{1773734400 + k}{'0' * 9} {SIGNALS['OP'][k]:<7g} {SIGNALS['PV'][k]:<7g} {SIGNALS['SP'][k]:g}" for k in K)]),
     "text of a query": long((19, 9, 8)),
     "text of a query, numbers to the right": long((19, 9, 8), "yes", (" STATUS", " ------", " Good  ")),
     "text of a query, with its count": long((19, 9, 8)) + "\n(900 rows affected)\n",
