@@ -94,7 +94,7 @@ class TextTable:
         yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
         if self._bad:
             (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
-            other = next((mark for mark in DELIMITERS if text.count(mark) == cells - 1 > 0), "")
+            other = next((mark for mark in DELIMITERS[:-1] if text.count(mark) == cells - 1 > 0), "")
             code = f"ragged_rows{':quote' if rows > len(self._bad) or not cells else ':delimiter' * bool(other)}"
             self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
                                  text=text[:40], other=other)]
