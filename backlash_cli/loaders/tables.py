@@ -95,9 +95,9 @@ class TextTable:
         if self._bad:
             (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
             other = next((mark for mark in DELIMITERS[:-1] if text.count(mark) == cells - 1 > 0), "")
-            code = f"ragged_rows{':quote' if rows > len(self._bad) or not cells else ':delimiter' * bool(other)}"
-            self.notes += [noted(code, {"rows": rows, "file": self.where}, line=first_bad, got=got, cells=cells,
-                                 text=text[:40], other=other)]
+            code = "ragged_rows:delimiter" if other else "ragged_rows"
+            self.notes += [noted("ragged_rows:quote" if rows > len(self._bad) or not cells else code, {"rows": rows,
+                "file": self.where}, line=first_bad, got=got, cells=cells, text=text[:40], other=other)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
                 ) -> pa.Table:
