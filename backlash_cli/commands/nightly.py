@@ -10,7 +10,7 @@ from typing import Any
 
 from .. import __version__
 from ..errors import BacklashError, InputError, some
-from ..history.nightly import DatedExport, NightlyConfig, expand, find_exports, lock, matches, read_config
+from ..history.nightly import DatedExport, NightlyConfig, check_places, expand, find_exports, lock, matches, read_config
 from ..history.plant import plant_history
 from ..history.store import History
 from ..loaders import ReadOptions
@@ -46,8 +46,9 @@ def nightly(config: Path, check: bool) -> int:
     limits, reading = read_profile(settings.limits, settings.loops), ReadOptions(**settings.reading)
     rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
     done: Done = defaultdict(list)
+    found = _exports(settings, done)
     if check:
-        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in _exports(settings, done)]
+        lines = [f"{e.name}: {', '.join(terminal(path.name) for path in e.files)}\n" for e in found]
         emit("".join([*lines, *(f"{day}: {word}\n" for word in SAID for day in done[word])]))
         return 3 if done[NOTHING] else 0
     outputs = settings.outputs
@@ -55,7 +56,6 @@ def nightly(config: Path, check: bool) -> int:
         with lock(settings.lock) as stale:
             if stale:
                 log(stale, "warning")
-            found = _exports(settings, done)
             with History(settings.history, create=True, say=lambda text: log(text, "warning")) as store:
                 newest = _scan_all(settings, reading, found, store, log, done)
                 if not done["scanned"] + done["known"]:
@@ -116,6 +116,8 @@ def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
                                                      look_back=config.look_back)
     if not found:
         raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
+    files = [path for export in found for path in export.files]
+    check_places(config, found, [*files, *(Path(str(one)) for one in find_sidecars(files, find_sources(files)))])
     done["missing"] = missing_days(e.name for e in found if e.date)
     return found
 

@@ -213,8 +213,7 @@ def _one_by_one(result: ScanResult, job: Job) -> list[ScanResult]:
         try:
             found.append(job.scan(night))
         except BacklashError as error:
-            names = some([source.path.name for source in night], 3)
-            say(f"this export is no night of the history: {names}: {error}")
+            say(f"this export is no night of the history: {some([one.path.name for one in night], 3)}: {error}")
     return found
 
 

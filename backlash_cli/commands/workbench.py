@@ -31,8 +31,7 @@ OF_ALL = ("output", "jobs", "engine", "scheduler", "loops_matching", "sample")
 def compare(loop: str | None, model_file: Path | None, other_loop: bool, **given: Any) -> int:
     """Predict PV from the measured OP, compare it with the measured PV, and say where the model fails."""
     check_picture(given["picture"])
-    export = Export.of(given)
-    return show(compare_with(*record_and_model(export, loop, model_file, other_loop=other_loop)), given)
+    return show(compare_with(*record_and_model(Export.of(given), loop, model_file, other_loop=other_loop)), given)
 
 
 def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], model_file: Path | None,

@@ -87,15 +87,10 @@ def read_config(path: str | Path) -> NightlyConfig:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
-    config = msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
+    return msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
         fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
         reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
-    files = [file.absolute() for file in (path, config.history, config.lock, page.loops, page.limits, page.log.file,
-                                          page.outputs.report, page.outputs.trend) if file]
-    if twice := next((file for file in files if files.count(file) > 1), None):
-        raise MetadataError(**explained("one_file_twice", file=twice.name), where=where)
-    return config
 
 
 class DatedExport(Frozen):
@@ -118,6 +113,17 @@ class DatedExport(Frozen):
             with open(path, "rb") as stream:
                 total.update(hashlib.file_digest(stream, "sha256").digest())
         return total.hexdigest()[:32]
+
+
+def check_places(config: NightlyConfig, exports: Sequence[DatedExport], read: Iterable[Path]) -> None:
+    """Raise MetadataError where the job would write over what it reads, or two things to one place."""
+    out, scan = config.outputs, config.outputs.scan or ""
+    scans = {expand(scan, export.name) for export in exports} | {str(path) for path, _ in matches(scan)}  # old ones go
+    own = {path.resolve() for path in (config.path, config.loops, config.limits, *read) if path}
+    written = [Path(path).resolve() for path in (config.history, config.lock, config.log.file, out.report, out.trend,
+                                                 *scans) if path]
+    if twice := next((path for path in written if path in own or written.count(path) > 1), None):
+        raise MetadataError(**explained("one_file_twice", file=twice.name), where=str(config.path))
 
 
 def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14

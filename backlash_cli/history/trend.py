@@ -48,8 +48,7 @@ def wear(loop: str, nights: Sequence[Night], marked: Sequence[Repair], limit: Li
     if segment is None:
         return out
     if trend is None or segment.slope_ci95 is None:
-        silent = not segment.nights and segment.below >= ENOUGH
-        return replace(out, state="no_trend" if silent else "too_few_nights")
+        return replace(out, state="too_few_nights" if segment.nights or segment.below < ENOUGH else "no_trend")
     compared, stepped = held_out(trend.nights), bool(trend.nights.steps.any())
     holds = not stepped and (compared is None or compared.straight_line_holds)
     # a line has to stand both tests: the nights that it has not seen, and all of them against trends that bend

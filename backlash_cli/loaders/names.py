@@ -108,7 +108,7 @@ def split_tag(text: str) -> Tag:
         return split_tag(f"{pieces[1]}.{pieces[0]}")
     if len(pieces) == 2 and re.search(" [-–—] |: ", name) and signal_role(pieces[1]) and not signal_role(pieces[0]):
         return Tag(pieces[0], signal_role(pieces[1]), pieces[1])  # Feed Flow Controller - Output
-    if (is_column(name, "tag", "value") or plain(name) in COLUMNS["time"]) and not signal_role(name):  # measure_name
+    if (is_column(name, "tag", "value", "units") or plain(name) in COLUMNS["time"]) and not signal_role(name):
         return Tag("", "", name)
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:

@@ -230,7 +230,7 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
              if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
         raise InputError(**explained("empty_workbook"), where=where)
-    return found if len(found) > 1 else [(stem_of(name), found[0][1])]
+    return found if len(found) > 1 or TITLE.fullmatch(found[0][0].split("/")[-1]) else [(stem_of(name), found[0][1])]
 
 
 def tables_below(opened: Callable[[], Text], notes: list[Note]) -> list[Callable[[], Any]]:
@@ -325,15 +325,15 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     names = tuple(n + zone * (is_column(n, "time") and n[-1] not in ")]") for n in names)
     return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
-                end, 0 if "time" in kinds else _start_of(above, kinds, options, where), _interval_of(above))
+                end, 0 if "time" in kinds else _start_of(above, kinds, options, where, stem), _interval_of(above))
 
 
-def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str) -> int:
-    """The moment [microseconds since 1970] of lines above, as Start, or Date and Time; the day in the name; 0."""
+def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadOptions, where: str, stem: str) -> int:
+    """The moment [microseconds since 1970] of lines above, as Start, or Date and Time; the day of file or folder; 0."""
     told = [(plain(name) in COLUMNS["start"], cell) for name, cell in above if is_column(name, "time", "start")]
     days, clocks = ([c for start, c in told if start and (kind(c) == own or (own == "time" and c.isdigit()))] or
                     [c for _, c in told if kind(c) == own] for own in ("time", "clock"))
-    days = [*{*days}] or [day_of(Path(where).name)] * ("clock" in kinds)
+    days = [*{*days}] or [*filter(None, map(day_of, (stem, *Path(where).parts[:-3:-1])))][:1] * ("clock" in kinds)
     reader = StampReader(["date"], ReadOptions(timezone=None if "clock" in kinds else options.timezone), where)
     with contextlib.suppress(InputError):  # an open one
         stamps = reader.take([pa.array([" ".join([*days, *clocks[-1:] * (":" not in "".join(days))])])])
@@ -365,7 +365,7 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
     for candidate in DELIMITERS:
         rows = [split_line(line, candidate) for line in lines]
         width, count = Counter(map(len, rows)).most_common(1)[0]
-        if width < 2 or (candidate == " " and any(all(mark in line for line in lines) for mark in "\t;|")):  # in cells
+        if width < 2 or (candidate == " " and all(re.search(r"[\t;|]|\D,|,\D", line) for line in lines)):  # in cells
             continue
         kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
         known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")

@@ -259,7 +259,7 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
     for (code, tag), words in found.items():
         (all_words := total.setdefault((code, tag), Counter())).update(words)
         if count := all_words.total():
-            top = ", ".join(f"{word or '(blank)'} ({number})" for word, number in all_words.most_common(4))
+            top = some([f"{word or '(blank)'} ({number})" for word, number in all_words.most_common()], 4)
             effect = {"effect": "blocks"} if code in ("unit_change", "points_lost") else {}  # two sizes, none right
             notes.append(noted(code, {"samples": float(count), **effect}, tag=tag[:60], top=top))
     return notes

@@ -27,7 +27,7 @@ def quality_words(words: list[str], named: str = "") -> bool:
 def mode_words(words: list[str]) -> bool:
     """Say whether texts are modes of a controller."""
     return all(_AUTO.fullmatch(word.strip()) or _MANUAL.fullmatch(word.strip()) for word in words) and any(
-        re.match(r"aut|man|cas|hand", word.strip(), re.IGNORECASE) for word in words)
+        re.match("aut|man|cas|hand|[自手][动動]|[자수]동|авт|руч", word.strip(), re.IGNORECASE) for word in words)
 
 
 def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:

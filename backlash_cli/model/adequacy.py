@@ -102,5 +102,4 @@ def signals(problem: Problem, fitted: Fit) -> tuple[list[FloatArray], dict[str, 
 
 def _basis(columns: FloatArray) -> FloatArray:
     """Return an orthonormal basis of columns (samples, columns), what is hardly new among them left out."""
-    scaled = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12)
-    return np.asarray(orth(scaled, rcond=1e-4))
+    return np.asarray(orth(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-12), rcond=1e-4))

@@ -136,8 +136,7 @@ class Subject:
     def _waits(self) -> list[Test]:
         h = self.record.interval
         length = max(len(self.record) * h, LEAST_WAIT * self.healthy.controller.Ti)
-        most = min(LONGEST_WAIT, MOST_SAMPLES * h)
-        return [Test("wait", t) for t in sorted({min(k * length, most) for k in LONGER})]
+        return [Test("wait", t) for t in sorted({min(k * length, LONGEST_WAIT, MOST_SAMPLES * h) for k in LONGER})]
 
     def _setpoint_steps(self) -> list[Test]:
         w, (pv_most, op_most) = self.healthy, self.limits
@@ -162,8 +161,7 @@ class Subject:
                        FEWEST_HELD * self.record.interval)
             allowed = min(op_most, pv_most / (OVERSHOOT * w.settled(hold))) / self.target
             for larger in {float(np.clip(allowed, 1.0, LARGER)), LARGER}:
-                both = [once, larger * once] if larger > ALIKE else [once]
-                levels = tuple(np.concatenate(both).tolist())
+                levels = tuple(np.concatenate([once, larger * once] if larger > ALIKE else [once]).tolist())
                 rungs += [Test("manual_test", hold, self.target, levels * n) for n in ROUNDS]
 
         def trouble(test: Test) -> tuple[bool, float]:

@@ -113,5 +113,5 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
             shutil.rmtree(subfolder, ignore_errors=True)
         raise
     for old in folder.iterdir():
-        if _PAGES.fullmatch(old.name) and old.name not in (subfolder.name, before):
+        if _PAGES.fullmatch(old.name) and old.name not in (subfolder.name, before) and (old / "plotly.js").is_file():
             shutil.rmtree(old, ignore_errors=True)

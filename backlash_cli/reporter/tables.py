@@ -59,15 +59,13 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     import pandas as pd
 
     columns = {name: _DTYPES[kind.split()[0]] for name, kind in columns_of(table).items()}
-    frame = pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns))
-    return frame.astype(columns)
+    return pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns)).astype(columns)
 
 
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
     """Return a table as CSV text, a piece per loop; what a spreadsheet would run as a formula gets an apostrophe in
     front. Raises UsageError for a table that does not exist."""
-    heading = csv_text([list(columns_of(table))])
-    return itertools.chain([heading], (csv_text(_rows(r, table)) for r in result.loops))
+    return itertools.chain([csv_text([list(columns_of(table))])], (csv_text(_rows(r, table)) for r in result.loops))
 
 
 def csv_table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

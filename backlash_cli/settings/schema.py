@@ -102,7 +102,7 @@ def parse_table(text: str, where: str) -> Metadata:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise MetadataError(f"not a CSV table: {error}", where=f"{where}, line {reader.line_num}") from None
-    if not rows:
+    if not rows or rows[0][1][:2] == ["loop", "verdict"]:  # the report of a scan
         return Metadata({}, {}, (where,))
     header = [cell.strip() for cell in rows[0][1]]
     names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]

@@ -223,8 +223,7 @@ def example_2(d: float = 0.05, *, load: float = 0.2, gain: float = 0.0, seed: in
     """Return Example 2: four lags, setpoint step at 0 s, load step at 100 s, compensator (9) with `gain`."""
     s = with_seed(with_dead_band(load_scenarios("example-2"), d), seed)[0]
     keep = [a for a in s.effects if a.effect.name == "backlash" or (noise and a.effect.name == "measurement_noise")]
-    step = use("load_step", times=[100.0], sizes=[load])
-    return replace(s, effects=(*keep, step), compensator=Compensator(gain))
+    return replace(s, effects=(*keep, use("load_step", times=[100.0], sizes=[load])), compensator=Compensator(gain))
 
 
 def stable_process() -> Found:

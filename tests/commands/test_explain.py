@@ -153,6 +153,15 @@ def test_a_whole_plant_into_a_folder_one_failure_stops_nothing(tmp_path, capfd):
     assert f"{pages.name}/FIC101.html" in index and json.loads((pages / "FIC101.json").read_text())["loop"] == "FIC101"
 
 
+def test_a_report_in_a_folder_takes_away_old_pages_only(tmp_path, capfd):
+    foreign, old = tmp_path / "out" / "loops-202603020600", tmp_path / "out" / "loops-0123456789ab"
+    for folder, name in ((foreign, "plant.csv"), (old, "plotly.js")):
+        folder.mkdir(parents=True)
+        (folder / name).write_text("")
+    assert run(capfd, "explain", write_two(tmp_path), "--all", "--jobs", "1", "--output", tmp_path / "out").status == 0
+    assert (foreign / "plant.csv").exists() and not old.exists()
+
+
 def test_a_whole_plant_in_processes_to_a_table(tmp_path, capfd):
     path = write_two(tmp_path)
     done = run(capfd, "explain", path, "--all", "--jobs", "2")

@@ -2,12 +2,13 @@
 
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.history.limits import parse_limits, read_limits
-from backlash_cli.history.nightly import lock, read_config
+from backlash_cli.history.nightly import check_places, find_exports, lock, read_config
 
 CLASSES = '[classes.a]\nlimit = 3\nsource = "s"\n[classes.b]\nlimit = 1.5\n'
 
@@ -61,14 +62,29 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
     (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
-    (GOOD + 'lock = "n.toml"', "n.toml is named for two things"), (GOOD + 'lock = "h.db"', "h.db is named for two"),
-    (GOOD + 'loops = "l.toml"\n[outputs]\ntrend = "l.toml"', "l.toml is named for two things"),
-    ('inputs = "x"\nhistory = "h.html"\n[outputs]\nreport = "h.html"', "h.html is named for two things"),
 ])
 def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
     with pytest.raises(BacklashError) as caught:
         config(tmp_path, text)
     assert words in str(caught.value) and "n.toml" in caught.value.where and caught.value.remedy
+
+
+@pytest.mark.parametrize(("text", "file"), [
+    ('lock = "n.toml"', "n.toml"), ('lock = "h.db"', "h.db"), ('lock = "x_2026-03-02.csv"', "x_2026-03-02.csv"),
+    ('loops = "l.toml"\n[outputs]\ntrend = "l.toml"', "l.toml"), ('[outputs]\nreport = "h.db"', "h.db"),
+    ('[outputs]\ntrend = "x_2026-03-02.csv"', "x_2026-03-02.csv"), ('[log]\nfile = "loops.toml"', "loops.toml"),
+    ('[log]\nfile = "link"', "x_2026-03-02.csv"), ('[outputs]\nscan = "x_{date}.csv"', "x_2026-03-02.csv"),
+    ('[outputs]\nscan = "{date}.csv"', "2026-03-04.csv"), ('[outputs]\nscan = "s/{date}.csv"\ntrend = "t.json"', "")])
+def test_no_result_takes_the_place_of_what_the_job_reads(tmp_path, text, file):
+    for name in ("x_2026-03-02.csv", "2026-03-04.csv", "loops.toml", "n.toml"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "link").symlink_to(tmp_path / "x_2026-03-02.csv")
+    found = config(tmp_path, f'inputs = ["x_{{date}}.csv", "*04.csv"]\nhistory = "h.db"\n{text}')
+    exports, *_ = find_exports(found.inputs)
+    read = [*(path for export in exports for path in export.files), tmp_path / "loops.toml"]
+    assert len(exports) == 2
+    with pytest.raises(BacklashError, match=f"n.toml: {file} is named for two things") if file else nullcontext():
+        check_places(found, exports, read)
 
 
 def test_a_configuration_that_is_not_there(tmp_path):

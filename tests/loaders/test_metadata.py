@@ -103,6 +103,10 @@ def test_times_and_gains_that_can_hardly_be_are_told(values, told):
     assert all(note.message.startswith(told) for note in notes)
 
 
+def test_the_report_of_a_scan_is_no_table_of_settings():
+    assert not parse_table('"loop","verdict","confidence"\n"FIC101","backlash",0.9\n', "loops.csv").loops
+
+
 def test_table_with_the_same_keys(tmp_path):
     path = tmp_path / "plant.loops.csv"
     path.write_text(
