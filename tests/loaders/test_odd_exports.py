@@ -13,6 +13,7 @@ from itertools import chain
 from zoneinfo import ZoneInfo
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -787,6 +788,49 @@ def test_names_given_in_the_place_of_a_header_are_told(tmp_path, header):
     plant = read(save(tmp_path, text), options=ReadOptions(columns=tuple(head.split(","))))
     equals_the_recording(plant["FIC101"])
     assert ("header_unused" in codes(plant.warnings)) is header
+
+
+@pytest.mark.parametrize("stamp", ["{:%m/%d/%Y %I:%M:%S %p}", "{:%Y-%m-%d %H:%M:%S} +00:00"])
+def test_blanks_in_names_and_stamps_are_not_what_parts_the_cells(tmp_path, stamp):
+    text = long(lambda tag, t, value: f"{stamp.format(t)},{tag},{value},Good",
+                "Timestamp (UTC),Point Name,Value,Status")
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_numbers_between_blanks_keep_their_decimal_commas(tmp_path):
+    text = wide(delimiter=" ", value=lambda tag, value: cell(tag, value).replace(".", ","))
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+@pytest.mark.parametrize("name", ["Units of measure", "Unit of Measurement", "Measurement Unit", "UoM"])
+def test_a_column_of_units_is_no_signal(tmp_path, name):
+    text = long(lambda tag, stamp, value: f"{tag};{iso(stamp)};{value};m3/h", f"Tag Name;Time;Value;{name}")
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_the_day_of_times_may_be_that_of_the_folder(tmp_path):
+    head, *rows = wide(lambda t: f"{t:%H:%M:%S}", time_name="Time").splitlines()
+    for day, part in (("2026-03-17", rows[:300]), ("2026-03-18", rows[300:])):
+        (tmp_path / day).mkdir()
+        save(tmp_path / day, "\n".join([head, *part]) + "\n", "trend.csv")
+    record = read(tmp_path)["FIC101"]
+    equals_the_recording(record)
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() and STAMPS[299].day < STAMPS[300].day
+
+
+@pytest.mark.parametrize(("auto", "by_hand"), [("自动", "手动"), ("自動", "手動"), ("자동", "수동"), ("АВТ", "РУЧ")])
+def test_modes_are_known_by_their_content_in_other_languages(tmp_path, auto, by_hand):
+    head, *rows = wide().splitlines()
+    rows = [f"{row},{by_hand if 100 <= k < 200 else auto}" for k, row in enumerate(rows)]
+    record = read(save(tmp_path, "\n".join([f"{head},FIC101.手自动", *rows]) + "\n"))["FIC101"]
+    assert np.flatnonzero(record.state == SampleState.MANUAL).tolist() == list(range(100, 200))
+
+
+def test_a_single_sheet_may_be_called_after_its_loop(tmp_path):
+    pytest.importorskip("python_calamine")
+    pd.DataFrame({"Time": STAMPS, **{role: SIGNALS[f"FIC101.{role}"] for role in ("SP", "PV", "OP")}}).to_excel(
+        tmp_path / "export.xlsx", sheet_name="FIC777", index=False)
+    assert [record.loop.rpartition(".")[2] for record in read(tmp_path / "export.xlsx")] == ["FIC777"]
 
 
 def test_a_title_of_two_cells_does_not_decide_what_parts_the_cells(tmp_path):
