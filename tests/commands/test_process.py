@@ -161,6 +161,14 @@ def test_a_reader_that_goes_away_is_no_error(plant, form):
     assert done.returncode == 0 and done.stderr == "" and len(done.stdout) == 10
 
 
+def test_a_reader_that_goes_away_does_not_change_what_the_status_says(plant):
+    command = f"{subprocess.list2cmdline(COMMAND)} scan {plant} --no-confirm --format html --fail-on any"
+    for reader in ("cat >/dev/null", "true"):
+        done = subprocess.run(["bash", "-c", f"{command} | {reader}; exit ${{PIPESTATUS[0]}}"], capture_output=True,
+                              text=True, timeout=60)
+        assert done.returncode == 1 and "Traceback" not in done.stderr
+
+
 # what Python holds back fails at its exit only
 @pytest.mark.parametrize(("form", "buffering"), [
     ("table", ""), ("table", "1"), ("html", ""), ("help", ""), ("help", "1")])
