@@ -474,7 +474,7 @@ def score_names(cells: list[str]) -> float:
     points = 0.0
     for i, cell in enumerate(cells):
         if split_tag(cell).role or signal_role(cell):
-            points += (1.4 if " " in split_tag(cell).loop else 1.5) if split_tag(cell).loop else 1.0  # Feed flow SP
+            points += (1.4 if " " in split_tag(cell).loop else 2.0) if split_tag(cell).loop else 1.0  # Feed flow SP
         elif is_column(cell, "time", "tag", "value", "loop"):
             points += 1.5 if i == 0 else 1.0
         elif kind(cell) in ("number", "time", "clock"):

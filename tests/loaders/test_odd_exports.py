@@ -833,6 +833,16 @@ def test_a_single_sheet_may_be_called_after_its_loop(tmp_path):
     assert [record.loop.rpartition(".")[2] for record in read(tmp_path / "export.xlsx")] == ["FIC777"]
 
 
+def test_tags_below_descriptions_name_the_loops(tmp_path):
+    head, *rows = wide(time_name="").splitlines()
+    words = {"SP": "setpoint", "PV": "measured value", "OP": "valve output"}
+    above = ",".join(["Timestamp", *("Feed flow " + words[tag.rpartition(".")[2]] for tag in head.split(",")[1:4]),
+                      *("Header pressure " + words[tag.rpartition(".")[2]] for tag in head.split(",")[4:])])
+    plant = read(save(tmp_path, "\n".join([above, head, *rows]) + "\n"))
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"]
+    equals_the_recording(plant["FIC101"])
+
+
 def test_a_title_of_two_cells_does_not_decide_what_parts_the_cells(tmp_path):
     """Blanks part title, date and time into two cells, and semicolons every row into five."""
     text = long(lambda tag, stamp, value: f"{stamp:%d.%m.%Y %H:%M:%S};{tag};{value.replace('.', ',')};degC;Gut",
