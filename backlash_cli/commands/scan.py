@@ -51,7 +51,7 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     rules = parse_rules(fail_on)
     form = check_delivery(form, output, table)
     wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
-    if history is not None and history.is_file():  # refused before hours of work, if it is none
+    if history is not None and history.is_file() and history.stat().st_size:  # refused before hours of work
         History(history, say=say).db.close()
     with contextlib.ExitStack() as stack:
         if demo:

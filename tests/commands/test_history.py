@@ -69,6 +69,14 @@ def test_nights_out_of_order_and_twice_give_the_history_of_one_clean_pass(capfd,
     assert dump(tmp_path / "h.db") == clean
 
 
+def test_an_empty_file_becomes_a_history(capfd, nights, tmp_path):
+    (tmp_path / "new.db").write_bytes(b"")
+    done = run(capfd, "scan", nights / "night0.csv", "--history", tmp_path / "new.db", *QUICK)
+    assert done.status == 0, done.err
+    with History(tmp_path / "new.db") as store:
+        assert store.rows("SELECT * FROM nights")
+
+
 def test_several_nights_on_one_command_line_are_single_nights(capfd, nights, clean, tmp_path):
     exports = [nights / f"night{k}.csv" for k in (3, 1, 0, 2)]
     assert run(capfd, "scan", *exports, "--history", tmp_path / "h.db", *QUICK).status == 0
