@@ -24,9 +24,9 @@ COMPILING = 4  # seconds of CPU that the first command spends on it at most, on 
 def emit(text: str) -> None:
     """Write a report to standard output: UTF-8, on a terminal in its encoding; `main` says where it cannot be."""
     foreign = sys.stdout.isatty() and (sys.stdout.encoding or "").lower().replace("-", "") != "utf8"
-    data = text.encode(*((sys.stdout.encoding or "ascii", "replace") if foreign else ("utf-8", "backslashreplace")))
+    encoding = (sys.stdout.encoding or "ascii", "replace") if foreign else ("utf-8", "backslashreplace")
     with contextlib.suppress(BrokenPipeError):  # the reader has gone (`| head`): the exit status is that of the work
-        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.write(text.encode(*encoding))
         sys.stdout.buffer.flush()
 
 

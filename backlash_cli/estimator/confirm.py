@@ -243,7 +243,8 @@ def _again(predictions: Sequence[Predictor], widths: FloatArray, widest: float, 
     sizes = [size for k in range(8) if (size := min(closer) << k) <= max(closer)]
     tests = _tests([closer.get(size) for size in sizes], s.recordings, widths, sizes[0], s.settings.K, s.Ti, s.interval,
                    widest)
-    return [test for p in predictions if (test := dict(zip(sizes, tests, strict=True))[p.size]) is not None]
+    found = dict(zip(sizes, tests, strict=True))
+    return [test for p in predictions if (test := found[p.size]) is not None]
 
 
 def memory(values: FloatArray) -> float:

@@ -1,7 +1,7 @@
 """The whole history at once: nights, wear and the order of repair.
 
 The rule of the order, which valves to pull at the next shutdown and which to leave alone. First the group:
-1. pull: even the lower end of the interval of the present dead band is above the limit, and three nights agree;
+1. pull: even the lower end of the interval of the present dead band is above the limit, and three nights or more agree;
 2. pull if there is room: above the limit without being sure of it, or the limit is reached before the horizon;
 3. watch: growing, or above 70 % of the limit, or too few nights since a repair to say;
 4. leave alone: below the limit, not growing, or nights without any dead band;

@@ -10,7 +10,7 @@ from ..words import Words
 _OWN = Words(__package__)
 WORDS, explained, noted = _OWN.tables, _OWN.explained, _OWN.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
-COLUMNS = {kind: frozenset(words.split()) for kind, words in WORDS["columns"].items()}
+COLUMNS = {kind: frozenset(words.format_map(WORDS["columns"]).split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 NESTED_LIMIT = 500  # longer names are taken apart once only

@@ -194,11 +194,11 @@ def _shared(series: Mapping[str, LoopSeries]) -> list[Note]:
 
 
 def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete: bool) -> list[Note]:
-    there = {metadata.match(name) for name in series}
+    there = {*(matched := {name: metadata.match(name) for name in series}).values()}
     names = [name for name in metadata.loops if name not in there]
     if len(names) > FEW:  # the loops file of a whole plant beside the export of a few loops: usual
         return [noted("loop_not_found:many", {"loop": ", ".join(names), "loops": len(names)}, names=some(names, FEW))]
-    notes, free = [], sorted(name for name in series if metadata.match(name) is None)
+    notes, free = [], sorted(name for name, match in matched.items() if match is None)
     for name in names:
         tags = ", ".join(metadata.loops[name].tags.values())
         hint = f"its tags {tags} are not there" if tags else "not all files could be read" if not complete else (

@@ -123,7 +123,7 @@ class TextTable:
         table = pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
         if any(got > cells for cells, got, *_ in self._bad[before:]):  # blank cells behind the last column are none
             row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, len(names) - 1, mark)
-            if (less := re.sub(rb"(?m)^(%b)(?:%b *)+(\r?)$" % (row, mark), rb"\1\2", block)) != block:
+            if (less := re.sub(rb"(?m)^(%b)%b[%b ]*(\r?)$" % (row, mark, mark), rb"\1\2", block)) != block:
                 del self._bad[before:]
                 return self._parsed(less, types, threads)
         return table

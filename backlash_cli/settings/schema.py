@@ -215,9 +215,10 @@ def _settings_of(values: LoopValues) -> Settings:
     for key, value in {"K": K, "Kp": Kp}.items():
         if value is not None and not 1.0 / LARGEST <= abs(value) <= LARGEST:
             raise MetadataError(**explained("no_gain" if value else "zero_kp", key=key, value=value))
-    odd = [f"{key} = {x:g}" for key, x, most in (("Td", Td, Ti), ("Tf", Tf, Ti), ("Kp", Kp, LOOP_GAIN / abs(K or 1.0)))
+    odd = [f"{key} = {x:g}" for key, x, most in (("Td", Td, Ti), ("Tf", Tf, Ti), ("Kp", Kp, K and LOOP_GAIN / abs(K)))
            if x and most and abs(x) > most]
-    notes += (noted("settings_doubtful", told=" and ".join(odd), K=K, Ti=Ti),) if odd else ()
+    beside = " and ".join(f"{key} = {x:g}{unit}" for key, x, unit in (("K", K, ""), ("Ti", Ti, " s")) if x is not None)
+    notes += (noted("settings_doubtful", told=" and ".join(odd), beside=beside),) if odd else ()
     if Kp is not None and K is not None and Kp * K < 0:
         Kp = -Kp
         notes += (Note("kp_sign", f"K and Kp differ in sign, so that one of them is wrong; Kp counts as {Kp:g}"),)

@@ -35,7 +35,7 @@ LOAD_STEPS = 12
 SPACING = 12.0  # slowest time constants of the loop between load steps
 MOST_SAMPLES = 60_000
 STILL = 1e-9  # of span: a valve that turns by less stands
-DOUBTFUL = "settings_doubtful"
+DOUBTFUL = "settings_doubtful"  # settings that hardly any controller has
 SWING = 0.05  # dead bands: a valve that swings by less and for ever is not worth the name of limit cycle
 
 

@@ -103,6 +103,15 @@ def test_times_and_gains_that_can_hardly_be_are_told(values, told):
     assert all(note.message.startswith(told) for note in notes)
 
 
+@pytest.mark.parametrize(("text", "messages"), [
+    ("Kp = 130", []), ("Ti = 28\nKp = 130", []),
+    ("K = 0.6\nKp = 130", ["Kp = 130 can hardly be beside K = 0.6: check value and unit"]),
+    ("Ti = 28\nTf = 90", ["Tf = 90 can hardly be beside Ti = 28 s: check value and unit"])])
+def test_settings_are_doubted_beside_those_that_are_given(text, messages):
+    notes = settings_of(parse_toml(f"[loops.A]\n{text}\n", "x").loops["A"]).notes
+    assert [note.message for note in notes] == messages
+
+
 def test_the_report_of_a_scan_is_no_table_of_settings():
     assert not parse_table('"loop","verdict","confidence"\n"FIC101","backlash",0.9\n', "loops.csv").loops
 

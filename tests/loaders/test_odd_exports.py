@@ -743,6 +743,16 @@ def test_blank_cells_behind_the_last_column_are_none(tmp_path, mark, line_end):
     assert [note.values["rows"] for note in plant.warnings if note.code == "ragged_rows"] == [1.0]
 
 
+def test_long_runs_of_blanks_between_cells_take_no_time(tmp_path):
+    """A remark far to the right, between blanks, is one row too long, and not looked at in every possible way."""
+    head, *rows = wide(lambda t: f"{t:%Y-%m-%dT%H:%M:%S}", delimiter=" ").splitlines()
+    rows[300] += " " * 400 + "remark"
+    began = time.perf_counter()
+    plant = read(save(tmp_path, "\n".join([head, *rows]) + "\n"))
+    assert time.perf_counter() - began < 10.0
+    assert np.flatnonzero(plant["FIC101"].state != SampleState.GOOD).tolist() == [300]
+
+
 def test_a_state_that_stands_alone_is_the_value(tmp_path):
     """Home automation calls the value so, and writes words where it has none."""
     text = long(lambda tag, stamp, value: f"{tag},{'unknown' if stamp == STAMPS[7] else value},{iso(stamp)}.000Z",
