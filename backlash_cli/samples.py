@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import AT_LIMIT, PIECE, FloatArray, IntArray, Note, SampleState, quantile, runs
+from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile, runs
 from .words import WORDS, noted
 
 MAX_HOLE = 5  # absent samples that may be bridged
@@ -157,8 +157,10 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     if 0.0 < most < CONVERTED * least:
         return 0, 0
     sizes = values if least > 0.0 else values[values > 0.0]
-    far = np.concatenate([np.zeros(0, int), *(first + _far(sizes[first : first + PIECE + 1])
-                                              for first in range(0, len(sizes), PIECE))])
+    small = sizes * CONVERTED <= most  # one of the two is: few, as a rule
+    far = np.flatnonzero(small[1:] | small[:-1])
+    one, next_ = sizes[far], sizes[far + 1]
+    far = far[np.maximum(one, next_) >= CONVERTED * np.minimum(one, next_)]
     if len(sizes) < 100 or not len(far):
         return 0, 0
     steps = np.abs(np.log(sizes[far + 1] / sizes[far]))
@@ -171,11 +173,6 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
         return 0, 0
     moves, others = (quantile(np.abs(np.diff(np.log(part))), 0.5) for part in (below, above))
     return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
-
-
-def _far(sizes: FloatArray) -> IntArray:
-    """Numbers of the samples of which the next is CONVERTED times as large or small."""
-    return np.flatnonzero(np.maximum(sizes[1:], sizes[:-1]) >= CONVERTED * np.minimum(sizes[1:], sizes[:-1]))
 
 
 STRANGE = ("apart", "copied", "mirrored")  # not the signals of one loop

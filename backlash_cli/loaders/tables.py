@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
-from itertools import accumulate, chain, islice
+from itertools import accumulate, chain, filterfalse, islice
 from sys import intern
 from typing import Any
 
@@ -68,7 +68,7 @@ class TextTable:
         self._bad, mark, line, first_bad = [], self.head.delimiter.encode(), self.head.first_line, 0
         del self.text.head[: self.head.offset]
         tables: list[pa.Table] = []
-        for block in (block for block in chain([self.text.head], self.text.rest) if not block.isspace()):
+        for block in filterfalse(bytearray.isspace, chain([self.text.head], self.text.rest)):
             before = len(self._bad)
             try:
                 table = self._parsed(block, types)
@@ -86,6 +86,7 @@ class TextTable:
                     len(text) < KEPT and "\n" not in text) for *_, text in self._bad[:SHOWN]]
                 place = re.search(rb"(?m)^(?:%s)" % b"|".join(begun), block)
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
+            del block  # its memory, warm in the cache, is that of the next one
             line, rows = line + counted, sum(one.num_rows for one in tables)
             if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
                 yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
