@@ -83,6 +83,7 @@ class Remote(str):
     def open(self, mode: str = "rb", buffering: int = 0) -> BinaryIO:
         """Open the object for reading; it is fetched in blocks, only where it is read."""
         with self._in_words():
+            self.stat()  # tells why it is not there
             return cast(BinaryIO, self._system[0].open(self._system[1], mode, block_size=BLOCK))
 
     def files_below(self) -> list[tuple[str, ...]]:

@@ -3,6 +3,7 @@
 Inside the tool time is in seconds and signals are normalised: 0..1 of the span given by `pv_range`
 (setpoint, measurement) and `op_range` (output). `settings/spans.py` makes them so, reporters give them back."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
@@ -17,6 +18,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in the processor's cache
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
+
+
+def fingerprint(text: str, size: int = 32, more: bytes = b"") -> str:
+    """So many hexadecimal digits that tell a text, and bytes behind it, from all others."""
+    return hashlib.sha256(text.encode("utf-8", "backslashreplace") + more).hexdigest()[:size]
 
 
 def duration(seconds: float, digits: int = 3) -> str:

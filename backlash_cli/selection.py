@@ -1,7 +1,6 @@
 """Which loops of a plant are wanted, and from when on: names, wildcards, expressions, a sample; a moment or an age."""
 
 import contextlib
-import hashlib
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -11,7 +10,7 @@ from functools import lru_cache
 from zoneinfo import ZoneInfo
 
 from .errors import UsageError, nearest, some
-from .record import Note
+from .record import Note, fingerprint
 from .words import explained, noted
 
 LOOP_OPTIONS = "--loop, --loops-matching"
@@ -64,8 +63,7 @@ def choose(names: Iterable[str], only: Sequence[str] = (), matching: Sequence[st
                          remedy=nearest(matching[0], everything))
     drawn = fitting
     if sample is not None:  # those of the smallest hash with the seed, so that a growing plant keeps them
-        by_hash = sorted(fitting, key=lambda name: hashlib.sha256(
-            f"{seed}:{name}".encode("utf-8", "backslashreplace")).digest())
+        by_hash = sorted(fitting, key=lambda name: fingerprint(f"{seed}:{name}", 64))
         drawn = sorted(by_hash[: sample_size(sample, len(fitting))])
     notes: list[Note] = []
     if left := len(named) - len(fitting):

@@ -62,7 +62,7 @@ def line_of(text: str, where: str, *way: str | int) -> str:
     entries: Counter[str] = Counter()
     for number, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*(\[+)([^]]*)\]", line)
-        key = head or re.match(r"()\s*((?:[\w-]+|\"[^\"]*\"|'[^']*'|\s*\.\s*)+)\s*=", line)
+        key = head or re.match(r"()\s*((?:[\w-]++|\"[^\"]*\"|'[^']*'|\s*+\.\s*+)+)\s*=", line)
         if key is None:
             continue
         names: list[str | int] = [name.strip("\"'") for name in re.findall(r"[\w-]+|\"[^\"]*\"|'[^']*'", key[2])]
@@ -89,12 +89,12 @@ def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | 
     except msgspec.ValidationError as error:
         said, _, place = str(error).partition(" - at `$")
         keys: Sequence[str | int] = [int(key) if key.isdigit() else key for key in re.findall(r"\w+", place)]
-        quoted, known = re.findall("`([^`]+)`", said), _keys(kind)
+        quoted = re.findall("`([^`]+)`", said)
         if "unknown field" in said:
             raise MetadataError(f"unknown key {quoted[0]!r}", where=line_of(text, where, *way, *keys, quoted[0]),
-                                remedy=f"{nearest(quoted[0], known)} {remedy}".rstrip()) from None
+                                remedy=f"{nearest(quoted[0], _keys(kind))} {remedy}".rstrip()) from None
         if "missing" in said:
-            add = f"add [{quoted[0]}]" if known[quoted[0]] else f"add {quoted[0]} = ..."
+            add = f"add [{quoted[0]}]" if _keys(kind)[quoted[0]] else f"add {quoted[0]} = ..."
             raise MetadataError(f"{quoted[0]} is missing", where=line_of(text, where, *way, *keys),
                                 remedy=f"{add} {remedy}".rstrip()) from None
         for key in keys:

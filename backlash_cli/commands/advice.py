@@ -1,7 +1,6 @@
 """backlash plan and compensate: advice to a person, found by simulating the loop of a record."""
 
 import contextlib
-import hashlib
 import os
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,7 @@ from ..engines.local import answers
 from ..errors import BacklashError, LoopError
 from ..plan import Move, PlanOptions
 from ..plan import plan as plan_of
-from ..record import Note, Record
+from ..record import Note, Record, fingerprint
 from ..reporter import advice
 from ..reporter.files import form_of, make_folder, write_text
 from ..reporter.safe import counted
@@ -40,7 +39,8 @@ def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | Non
     plant = Export.of(given).read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
-    folder = None if no_cache else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "backlash", "plans")
+    cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # as it is written: no home
+    folder = None if no_cache or cache.startswith("~") else Path(cache, "backlash", "plans")
     with progress("planning", len(plant), stopped="loops were planned; no plan was written") as step:
         work = partial(kept_plan, options=wanted, folder=folder)
         for found in answers(plant.records, work, jobs=jobs):
@@ -60,10 +60,9 @@ def kept_plan(record: Record, options: PlanOptions, folder: Path | None) -> Loop
     if folder is None:
         return plan_of(record, options)
     said = (__version__, record.loop, record.start, record.interval, record.settings, options)
-    name = hashlib.sha256(repr(said).encode("utf-8", "backslashreplace"))
-    for values in (record.index, record.setpoint, record.measurement, record.output, record.state):
-        name.update(b"" if values is None else np.ascontiguousarray(values).data)
-    kept = folder / f"{name.hexdigest()[:32]}.json"
+    signals = (record.index, record.setpoint, record.measurement, record.output, record.state)
+    samples = b"".join(np.ascontiguousarray(values).data for values in signals if values is not None)
+    kept = folder / f"{fingerprint(repr(said), more=samples)}.json"
     with contextlib.suppress(OSError, msgspec.DecodeError):  # none there, or from another version
         return msgspec.json.decode(kept.read_bytes(), type=LoopPlan | None)
     found = plan_of(record, options)

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ from ..history.store import History
 from ..loaders import ReadOptions
 from ..loaders.sources import find_sidecars, find_sources
 from ..record import Record
-from ..reporter.files import write_text
+from ..reporter.files import make_folder, write_text
 from ..reporter.history_report import trend, write_report
 from ..reporter.safe import counted, terminal
 from ..reporter.scan_report import check_delivery, met, parse_rules, write
@@ -42,8 +43,8 @@ Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what hap
 
 def nightly(config: Path, check: bool) -> int:
     """Scan the new exports, add them to the history and write the reports, as a configuration file says."""
-    settings = read_config(config)
-    limits, reading = read_profile(settings.limits, settings.loops), ReadOptions(**settings.reading)
+    settings = read_config(config, ReadOptions)
+    limits = read_profile(settings.limits, settings.loops)
     rules = parse_rules((rule for rule in settings.fail_on if rule != PULL), f"{config}, fail_on")
     done: Done = defaultdict(list)
     found = _exports(settings, done)
@@ -57,12 +58,12 @@ def nightly(config: Path, check: bool) -> int:
             if stale:
                 log(stale, "warning")
             with History(settings.history, create=True, say=lambda text: log(text, "warning")) as store:
-                newest = _scan_all(settings, reading, found, store, log, done)
+                newest = _scan_all(settings, found, store, log, done)
                 if not done["scanned"] + done["known"]:
                     raise refusal(InputError, "no_export_read", config, count=len(found))
                 places = plant_history(store, limits, horizon=settings.horizon)
                 for path in filter(None, (outputs.report, outputs.trend)):
-                    path.parent.mkdir(parents=True, exist_ok=True)
+                    make_folder(path.parent)
                 if outputs.report is not None:
                     write_report(outputs.report, places, store.half_periods, str(settings.history))
                     log("report", path=str(outputs.report))
@@ -86,7 +87,7 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
     """Give a function `log(event, level="info", **values)`; each call is one line.
 
     Without `path`, lines of text go to standard error (warnings and errors only) and JSON lines to it all."""
-    stream = None
+    stream = sys.stderr if form == "json" else None
     if path is not None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -103,10 +104,10 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
             line = json.dumps({"time": now, "level": level, "event": event, **values}, ensure_ascii=False, default=str)
         if stream is not None:
             stream.write(f"{line}\n" if form == "json" else f"{now} {level} {line}\n")
-        elif form == "json" or level != "info":
+        elif level != "info":
             say(line)
 
-    with stream or contextlib.nullcontext():
+    with stream if path and stream else contextlib.nullcontext():
         yield log
 
 
@@ -122,8 +123,8 @@ def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     return found
 
 
-def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[DatedExport], store: History, log: Log,
-              done: Done) -> ScanResult | None:
+def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: History, log: Log, done: Done
+              ) -> ScanResult | None:
     """Scan what is new into the history, note in `done` what happened, and return the last scan."""
     scan: ScanResult | None = None
     before, known = f"{config.path.stem}:", store.exports()
@@ -139,8 +140,8 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
                     done["known"].append(name)
                     log("known", night=name)
                     continue
-                job = Job(Export(export.files, config.loops, reading), ScanOptions(carry=True),
-                          config.jobs, shown=False)
+                job = Job(Export(export.files, config.loops, config.reading), ScanOptions(carry=True), config.jobs,
+                          shown=False)
                 # what a job that was killed had finished of this night is taken over
                 again = (key, job.export.reading, job.options)
                 job.keep = stack.enter_context(kept(config.history, again, resume=True))
@@ -149,6 +150,8 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
                 done["failed"].append(name)
                 log("failed", "error", night=name, reason=getattr(error, "strerror", None) or str(error))
                 continue
+            if config.outputs.scan is not None:  # before the history calls the night known
+                _write_scan(config.outputs.scan, config.outputs.keep, name, scan, job.plant, log)
             outcome = store.add(scan, export=(key, fingerprint))
         if job.taken_over:
             log("resumed", night=name, loops=job.taken_over)
@@ -163,8 +166,6 @@ def _scan_all(config: NightlyConfig, reading: ReadOptions, found: Sequence[Dated
         log("scanned", night=name, loops=len(scan.loops), history=sentence("stored", outcome), late=late)
         for note in scan.failures:
             log("not analysed", "warning", night=name, reason=note.message)
-        if config.outputs.scan is not None:
-            _write_scan(config.outputs.scan, config.outputs.keep, name, scan, job.plant, log)
     return scan
 
 
@@ -172,7 +173,7 @@ def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records:
                 log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
     target = Path(expand(pattern, name))
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     write(result, records, check_delivery(None, target, "loops") or "table", target)
     for _, path in sorted((night, path) for path, night in matches(pattern) if night is not None)[:-keep]:
         path.unlink(missing_ok=True)

@@ -108,7 +108,7 @@ def names(text: str) -> tuple[str, ...]:
 
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
-WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth")  # results
+WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth", "target")
 REPORT = b'"loop","verdict",'  # begins the table of a scan: that of the night before may lie among the exports
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
          "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
@@ -132,7 +132,7 @@ def command(name: str) -> click.Command:
 
     def run(**given: Any) -> int | None:
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
-        if twice := next((path for path in results if results.count(path) > 1), None):
+        if twice := next((b for i, b in enumerate(results) if b.resolve() in map(Path.resolve, results[:i])), None):
             raise UsageError("this file is named for two things", where=f"{twice}", remedy="choose another for one")
         there = list[Path]()
         for path in results:

@@ -95,8 +95,7 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
                          LoopCheck(record.loop, notes=record.notes, failure=found))
             step()
     unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
-    known = {loop.loop for loop in loops}
-    loops += [LoopCheck(name, failure=note) for name, note in unread.items() if name not in known]
+    loops += [LoopCheck(name, failure=note) for name, note in unread.items()]
     rest = tuple(note for note in plant.failures if not note.values.get("loop"))
     result = PlantResult(tuple(loops), plant.inputs, plant.warnings, rest)
     report, coloured = checked(result), output is None and sys.stdout.isatty()

@@ -25,8 +25,9 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
         raise UsageError("nothing says where to write", remedy="add --out FILE, for example --out plant.csv")
     settings = out.with_name(f"{stem_of(out)}.loops.toml")
     truth = truth or out.with_name(f"{stem_of(out)}.truth.csv")
-    if len({out.absolute(), settings.absolute(), truth.absolute(), Path(scenario).absolute()}) < 4:
-        raise UsageError("this file is named for two things", where=f"{truth}", remedy="choose another --truth")
+    ways = [path.resolve() for path in (out, settings, truth, Path(scenario))]
+    if twice := next((path for path in ways if ways.count(path) > 1), None):
+        raise UsageError("this file is named for two things", where=twice.name, remedy="choose another --out, --truth")
     there = [str(path) for path in (out, settings, truth) if path.exists()]
     if there and not force:
         raise UsageError(f"{', '.join(there)} exists", remedy="choose another --out, or add --force to replace it")

@@ -40,10 +40,9 @@ def explain(loop: str | None, add: tuple[str, ...], outside: tuple[str, ...], mo
     context = click.get_current_context()
     wrong = [p.opts[0] for p in context.command.params if p.name in (OF_ONE if every else OF_ALL)
              and context.params[p.name] not in (None, (), p.default)]
-    if wrong and every:
-        raise refusal(UsageError, "not_with_all", "--all", options=", ".join(wrong))
     if wrong:
-        raise refusal(UsageError, "only_with_all", wrong[0], option=wrong[0])
+        raise refusal(UsageError, "not_with_all" if every else "only_with_all", "--all" if every else wrong[0],
+                      options=", ".join(wrong), option=wrong[0])
     export = Export.of(given)
     check_picture(given["picture"])
     more, chosen = ([load_effect(name) for name in names] for names in (outside, add))

@@ -9,7 +9,8 @@ import os
 import re
 import socket
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import date, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -51,7 +52,7 @@ class NightlyConfig(Page, frozen=True):
 
     inputs: patterns of exports; `{date}` or `{date:%Y%m%d}` stands for the day, `*` and `?` for any characters.
     together: exports without a date are one plant, not one night each. look_back: days before the newest export that
-    are looked at. reading: options of how to read exports. path: of the configuration itself."""
+    are looked at. reading: options of how to read exports, as read_config is told. path: of this page itself."""
 
     inputs: str | Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     history: Path
@@ -65,12 +66,12 @@ class NightlyConfig(Page, frozen=True):
     jobs: Count | None = None
     outputs: Outputs = Outputs()
     log: LogFile = LogFile()
-    reading: Mapping[str, Any] = {}
+    reading: Any = msgspec.field(default_factory=dict)
     path: Path = msgspec.field(name="(this page)", default=Path())
 
 
-def read_config(path: str | Path) -> NightlyConfig:
-    """Read the configuration of the nightly job.
+def read_config(path: str | Path, reading: type = dict) -> NightlyConfig:
+    """Read the configuration of the nightly job. reading: the type of the options on how to read exports.
 
     Raises MetadataError naming the file, the key, and the remedy."""
     path, example = Path(path), "docs/nightly.md shows an example"
@@ -90,7 +91,7 @@ def read_config(path: str | Path) -> NightlyConfig:
     return msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
         fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
-        reading={key: tuple(value) if isinstance(value, list) else value for key, value in page.reading.items()})
+        reading=checked(page.reading, reading, where, text, "reading"))
 
 
 class DatedExport(Frozen):
@@ -134,12 +135,17 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`)."""
     nights: dict[date | str, list[Path]] = {}
     behind = {pattern: matches(pattern) for pattern in patterns}
-    for path, day in sorted({match for found in behind.values() for match in found}, key=lambda match: match[0]):
+    # what has a date for one of them is of that night only
+    days = dict(sorted((match for found in behind.values() for match in found), key=lambda match: match[1] is not None))
+    for path, day in sorted(days.items()):
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
     dated = sorted(day for day in nights if isinstance(day, date))
     older = [day.isoformat() for day in dated if (dated[-1] - day).days > look_back]
+    others = [files for day, files in nights.items() if isinstance(day, str)]
+    called = Counter(files[0].name for files in others)
     exports = [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated[len(older) :]),
-               *(DatedExport(files[0].name, tuple(files)) for day, files in nights.items() if isinstance(day, str))]
+               *(DatedExport(name if called[name := files[0].name] < 2 else str(files[0].resolve()), tuple(files))
+                 for files in others)]
     return exports, older, [pattern for pattern, found in behind.items() if not found]
 
 

@@ -6,7 +6,6 @@ the history one single file that also works on a network drive; a killed run lea
 back, so that either all of a run is in the file or nothing of it."""
 
 import contextlib
-import hashlib
 import json
 import math
 import re
@@ -22,7 +21,7 @@ import msgspec
 from .. import __version__
 from ..errors import BacklashError
 from ..estimator.carry import Carry, unpack
-from ..record import LoopSettings, Note
+from ..record import LoopSettings, Note, fingerprint
 from ..results import Estimate, LoopReport, ScanResult
 from ..results.history import DAY, Night, Repair, day_of
 from ..words import WORDS, explained
@@ -98,7 +97,7 @@ class History(contextlib.AbstractContextManager["History"]):
                 if rows:
                     nights = sorted((r["loop"], r["start"], r["end"]) for r in rows)
                     inputs = sorted({Path(name).name for name in result.inputs})
-                    self.insert("runs", [{"digest": _digest(as_json([nights, inputs])), "tool": __version__,
+                    self.insert("runs", [{"digest": fingerprint(as_json([nights, inputs])), "tool": __version__,
                         "first": min(n[1] for n in nights), "last": max(n[2] for n in nights), "nights": len(nights),
                         "loops": len({n[0] for n in nights}), "inputs": inputs, "failures": _notes(result.failures)}])
             if export is not None:
@@ -244,7 +243,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
         "details": {name: _rounded({key: values[key] for key in _EVIDENCE[name]}) for name, values in found.items()},
     })
     halves = [list(half_period_row(row, e).values()) for e in report.estimates]
-    return {**row, "digest": _digest(as_json([stored(row), halves]), report.carry or b"")}
+    return {**row, "digest": fingerprint(as_json([stored(row), halves]), more=report.carry or b"")}
 
 
 def half_period_row(night: Mapping[str, Any], e: Estimate) -> dict[str, Any]:
@@ -266,10 +265,6 @@ def _rounded(values: Mapping[str, Any]) -> dict[str, Any]:
     """Round times to the millisecond and numbers to nine digits: rounding errors are no news; None for no number."""
     return {name: value if not isinstance(value, float) else None if not math.isfinite(value) else
             round(value, 3) if name in ("start", "end") else float(f"{value:.9g}") for name, value in values.items()}
-
-
-def _digest(text: str, more: bytes = b"") -> str:
-    return hashlib.sha256(text.encode("utf-8", "backslashreplace") + more).hexdigest()[:32]
 
 
 def as_json(value: object) -> str:

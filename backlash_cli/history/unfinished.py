@@ -7,7 +7,6 @@ which stands for all that the report is made from."""
 
 import base64
 import contextlib
-import hashlib
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 
 from .._version import __version__
 from ..errors import BacklashError
-from ..record import Note
+from ..record import Note, fingerprint
 from ..results import LoopReport, Verdict
 from ..words import explained
 from .store import check_folder
@@ -34,7 +33,7 @@ class Unfinished:
 
     def __init__(self, history: str | Path, scan: Iterable[object], *, resume: bool) -> None:
         check_folder(history := Path(history))
-        name = hashlib.sha256(repr((__version__, *scan)).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+        name = fingerprint(repr((__version__, *scan)), 12)
         self.path = history.with_name(f"{history.name}.unfinished-{name}")
         self.known: dict[str, LoopReport] = {}
         self.resumed = resume

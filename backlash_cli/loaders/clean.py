@@ -1,7 +1,6 @@
 """One loop: its signals on one uniform grid, normalised, every sample with its state, everything assumed in notes."""
 
 import contextlib
-import hashlib
 from bisect import bisect_left
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record, utc_text
+from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
 from ..samples import MAX_HOLE, STRANGE, held, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
@@ -78,7 +77,7 @@ class Recipe(Frozen):
         values = self.values and (dict(self.values.values), self.values.where, sorted(self.values.from_defaults))
         whole = repr((common, how, self.loop, values, [(note.code, note.message) for note in self.notes],
                       sorted(self.series.missing_tags.items()), parts))
-        return replace(self, key=hashlib.sha256(whole.encode("utf-8", "backslashreplace")).hexdigest()[:32])
+        return replace(self, key=fingerprint(whole))
 
     @property
     def rows(self) -> int:
@@ -274,11 +273,10 @@ def _where_recorded(pv: Signal) -> Signal:
     """The rows of the measurement: blank cells in many places mean that it was recorded less often."""
     blank = np.isnan(pv.values) & ~pv.bad
     count = int(np.count_nonzero(blank))
-    if 0 < count < len(blank):
-        edges = int(np.count_nonzero(blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)))
-        if edges > SPARSE_SHARE * (len(blank) - count) or count > 0.9 * len(blank):
-            at = np.flatnonzero(~blank)
-            return replace(pv, times=Times(pv.times.micros[at], pv.times.notes), values=pv.values[at], bad=pv.bad[at])
+    if 0 < count < len(blank) and (count > 0.9 * len(blank) or np.count_nonzero(
+            blank[1:] & ~blank[:-1] & (pv.times.micros[1:] != NAT)) > SPARSE_SHARE * (len(blank) - count)):
+        at = np.flatnonzero(~blank)
+        return replace(pv, times=Times(pv.times.micros[at], pv.times.notes), values=pv.values[at], bad=pv.bad[at])
     return pv
 
 

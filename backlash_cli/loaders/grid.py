@@ -239,8 +239,7 @@ class Times:
     def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
         found = self._order or ordered(self.micros, probe, self.files, self.line)
-        if found.rows is None:
-            self._order = found
+        self._order = found if found.rows is None else None
         return found
 
 

@@ -20,7 +20,7 @@ _SERVER = re.compile(WORDS["lines"]["server"])
 _LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
 _TAG = r"(?=[A-Z]*C)[A-Z]{2,5}[-_ ]?\d+[A-Z]?"  # of a controller (ISA 5.1): FIC101, TRC-2A
 TITLE = re.compile(rf"\W*(?:\w+\W+)?({_TAG})\W*")  # [FIC101], # Loop FIC101: a line above a table
-_UNIT = re.compile(rf"\s*(?:\[(?!{_TAG})[^\]]*\]|\((?!{_TAG})[^)]*\))\s*$")
+_UNIT = re.compile(rf"(?:\[(?!{_TAG})[^\[\]]*\]|\((?!{_TAG})[^()]*\))\s*$")
 _PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
 _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
 _TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
@@ -47,12 +47,12 @@ def plain(text: str) -> str:
 
 def bare_tag(text: str) -> str:
     """Return a tag in lower case without a server before it and a unit in brackets behind it."""
-    return _UNIT.sub("", _SERVER.sub("", text.strip())).lower()
+    return _UNIT.sub("", _SERVER.sub("", text.strip())).rstrip().lower()
 
 
 def undated(stem: str) -> str:
     """Return the name of a file without the dates, perhaps with times, around it: FIC101.PV_20260302_2155."""
-    return _DATED.sub("", stem) or stem
+    return (len(stem) <= NESTED_LIMIT and _DATED.sub("", stem)) or stem
 
 
 def is_whole(text: str) -> bool:
@@ -143,8 +143,8 @@ def split_tag(text: str) -> Tag:
                     {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
-                # FIC101 Feed flow, FIC101 Valve
-                loop = found[1] if (found := re.fullmatch(rf"({_TAG})\s[^\d.]*", name[:cut])) else name[:cut]
+                # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
+                loop = found[1] if (found := re.fullmatch(rf"({_TAG}),?\s[^\d.]*", name[:cut])) else name[:cut]
                 return Tag(loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
     first = signal_role(parts[0][1])
     if first and len(parts[0][1]) > 1 and not is_column(parts[-1][1], "time"):  # PV_FIC101

@@ -50,7 +50,7 @@ WORKBOOKS = (".xlsx", ".xlsm")
 _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
               for test, *changes in WORDS["lines"]["rewritten"]]
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
-_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t]\s*\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
+_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
@@ -113,8 +113,7 @@ class Text:
                         raise InputError(**explained("damaged", kind=codec, problem=what), where=self.where) from None
                     self.notes.append(noted("truncated", file=self.where, codec=codec, problem=what))
                     return
-                self._taken(file.tell() - told)
-                told = file.tell()
+                self._taken(-told + (told := file.tell()))
                 if not piece:
                     return
                 total += len(piece)
@@ -353,7 +352,7 @@ def _interval_of(above: list[tuple[str, str]]) -> int:
 def _at_edges(ruler: str) -> tuple[re.Pattern[str], tuple[tuple[re.Pattern[bytes], bytes], ...]]:
     """Lines as long as a ruler of dashes, and what puts tabs between the cells below its dashes, in bytes of UTF-8."""
     widths = [len(part) for part in ruler.split()[:-1]]
-    cells = b" ".join(rb"((?:[^\n][\x80-\xbf]*){%d})" % width for width in widths)
+    cells = b" ".join(rb"((?:[^\n\x80-\xbf][\x80-\xbf]*){%d})" % width for width in widths)
     tabs = b"".join(rb"\%d\t" % number for number in range(1, len(widths) + 1))
     return re.compile(f".{{{ruler.rindex(' ')}}} "), (
         (re.compile(rb"(?m)^" + cells + b" "), tabs), (re.compile(rb" *\t *"), b"\t"), _REWRITTEN[0][1][0])
@@ -489,8 +488,9 @@ def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[st
     tags = [word for word in low if is_whole(word)]
     enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
-    for cell, word, kind in zip(high, low, kinds, strict=True):
-        upper = cell or (upper if word or kind != "empty" else "")
+    for cell, word, kind, before in zip(high, low, kinds, ["", *low[:-1]], strict=True):
+        unit = is_column(before, "time") and is_column(word, "value") and is_whole(upper) and not is_whole(cell)
+        upper = upper if unit else cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
         part = bool(word) and not is_column(word, "value") and (  # below a whole tag a unit may stand
             not (tag.loop and tag.role) or is_column(word, "time", "quality", "statistic"))

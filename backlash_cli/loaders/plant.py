@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, cached_property
 from os import PathLike
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -98,20 +98,24 @@ class OpenPlant(Frozen, Mapping[str, Record], eq=False):
     failures: tuple[Note, ...] = ()
     inputs: tuple[str, ...] = ()
 
+    @cached_property
+    def _by_name(self) -> dict[str, Recipe]:
+        return {recipe.loop: recipe for recipe in self.recipes}
+
     def __getitem__(self, loop: str) -> Record:
         try:
-            return {recipe.loop: recipe for recipe in self.recipes}[loop].record()
+            return self._by_name[loop].record()
         except BacklashError:
             raise KeyError(loop) from None
 
     def __contains__(self, loop: object) -> bool:
-        return loop in [*self]
+        return loop in self._by_name
 
     def __iter__(self) -> Iterator[str]:
-        return (recipe.loop for recipe in self.recipes)
+        return iter(self._by_name)
 
     def __len__(self) -> int:
-        return len(self.recipes)
+        return len(self._by_name)
 
     def all_lost(self, more: Sequence[Note], *, read: int) -> tuple[Note, ...]:
         """Return all loops that could not be read, by name. read: how many could. Raises LoopError when none could."""

@@ -51,7 +51,7 @@ class TextTable:
         self.head = head_of(text, stem, home)
         self._bad: list[tuple[int, int, int, str]] = []  # cells expected and found, lines, text
         self.named_again = False  # lines or cells below rows name something
-        first = self._parsed(text.head[self.head.offset : self.head.end], None, threads=False)
+        first = self._parsed(text.head[self.head.offset : self.head.end], None)
         if first.num_rows == 0:
             below = " below the header" + "; a quotation mark is not closed" * (text.head.count(b'"') % 2)
             raise InputError(**explained("no_rows", below=below), where=self.where)
@@ -100,8 +100,7 @@ class TextTable:
             self.notes += [noted("ragged_rows:quote" if rows > len(self._bad) or not cells else code, {"rows": rows,
                 "file": self.where}, line=first_bad, got=got, cells=cells, text=text[:40], other=other)]
 
-    def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None, threads: bool = True
-                ) -> pa.Table:
+    def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None) -> pa.Table:
         names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
@@ -112,7 +111,7 @@ class TextTable:
 
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
-        threads = threads and pa.cpu_count() > 1
+        threads = types is not None and pa.cpu_count() > 1  # the first rows are few
         reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(1 << (
             19 if threads else 20), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
@@ -126,7 +125,7 @@ class TextTable:
             row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, len(names) - 1, mark)
             if (less := re.sub(rb"(?m)^(%b)%b[%b ]*(\r?)$" % (row, mark, mark), rb"\1\2", block)) != block:
                 del self._bad[before:]
-                return self._parsed(less, types, threads)
+                return self._parsed(less, types)
         return table
 
 
@@ -397,6 +396,5 @@ def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, in
     clock: list[Note] = []
     with contextlib.suppress(BacklashError):
         clock = [note for note in ordered(times, values).notes if note.code in CLOCK_CODES]
-    if len(clock) != len(back):
-        return [], []
-    return [(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock
+    return ([(row, round(float(note.values["seconds"]) * 1e6)) for row, note in zip(back, clock, strict=True)], clock
+            ) if len(clock) == len(back) else ([], [])

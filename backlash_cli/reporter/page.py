@@ -20,6 +20,7 @@ import msgspec
 from markupsafe import Markup
 
 from .._version import __version__
+from ..record import fingerprint
 from .files import make_folder, write_text
 from .safe import asked, file_names
 from .templates import environment
@@ -95,7 +96,7 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
 
     told: tells this report from others. index: gives the HTML of index.html for `links` to the pages and `plotly_file`.
     """
-    mark = hashlib.sha256(repr(told).encode("utf-8", "backslashreplace")).hexdigest()[:12]
+    mark = fingerprint(repr(told), 12)
     subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}
     before = ""  # the subfolder that the present index.html points to
     with contextlib.suppress(OSError, ValueError):

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError, nearest
+from ..errors import UsageError
 from ..results import LoopReport, ScanResult
 from ..results.history import Night, day_of
 from ..words import WORDS
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 # table -> column -> kind (text, number, count, time, flag), and place in a loop of the JSON document where that is not
 # its name; the same columns in every report, also an empty one
 TABLES: dict[str, dict[str, str]] = WORDS["columns"]
-HISTORY_TABLES = ("nights", "half_periods", "repairs", "runs")
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
 
@@ -85,7 +84,7 @@ def csv_text(rows: Iterable[Sequence[object]]) -> str:
 
 def history_rows(history: Any, table: str, loops: Sequence[str]) -> list[dict[str, Any]]:
     """Return a table of a `history.store.History` as flat rows, dead bands in output spans, times in epoch seconds.
-    Raises UsageError for a table that does not exist."""
+    table: nights, half_periods, repairs, or runs."""
     if table == "nights":
         return [_night_values(night) for loop in loops for night in history.nights(loop)]
     if table == "half_periods":
@@ -93,11 +92,9 @@ def history_rows(history: Any, table: str, loops: Sequence[str]) -> list[dict[st
     if table == "repairs":
         return [{"loop": loop, "time": r.time, "date": day_of(r.time), "note": r.note}
                 for loop in loops for r in history.repairs(loop)]
-    if table == "runs":
-        return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
-                 "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
-                 "tool": r["tool"]} for r in history.runs()]
-    raise UsageError(f"no table {table!r}", where="--table", remedy=nearest(table, HISTORY_TABLES))
+    return [{"start": r["first"], "end": r["last"], "loops": r["loops"], "nights": r["nights"],
+             "inputs": ", ".join(r["inputs"]), "failures": "; ".join(n["message"] for n in r["failures"]),
+             "tool": r["tool"]} for r in history.runs()]
 
 
 def _night_values(night: Night) -> dict[str, Any]:

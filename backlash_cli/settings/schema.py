@@ -105,9 +105,10 @@ def parse_table(text: str, where: str) -> Metadata:
     if not rows or rows[0][1][:2] == ["loop", "verdict"]:  # the report of a scan
         return Metadata({}, {}, (where,))
     header = [cell.strip() for cell in rows[0][1]]
-    names = [i for i, cell in enumerate(header) if cell.lower() in ("loop", "name", "tag")]
-    if not names:
-        raise MetadataError(**explained("no_loop_column"), where=where)
+    names = [i for word in ("loop", "name", "tag") for i, cell in enumerate(header) if cell.lower() == word]
+    twice = next((key for key in header if key and header.count(key) > 1), "")
+    if twice or not names:
+        raise MetadataError(**explained("column_twice" if twice else "no_loop_column", key=twice), where=where)
     check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
                lambda key: f"{where}, line {rows[0][0]}")
     defaults, loops = dict[str, Any](), dict[str, dict[str, Any]]()

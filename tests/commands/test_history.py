@@ -169,8 +169,21 @@ def test_export_to_csv_and_parquet(capfd, db, tmp_path):
         assert frame.d.max() > 0.03 and str(frame.start.dtype).startswith("datetime64")
     assert "600 rows" in run(capfd, "history", db, "--export", path, "--table", "half_periods", "--loop", "TIC1").err
     assert run(capfd, "history", db, "--export", tmp_path / "n.xls").status == 2
-    assert "did you mean" in run(capfd, "history", db, "--export", path, "--table", "night").err
+    assert "'night' is not one of 'nights', 'half_periods', 'repairs', 'runs'" in run(
+        capfd, "history", db, "--export", path, "--table", "night").err
     assert "0 rows" in run(capfd, "history", db, "--export", tmp_path / "r.csv", "--table", "repairs").err
+
+
+@pytest.mark.parametrize("words", [
+    ("history", "h.csv", "--export", "h.csv"), ("trend", "--history", "h.json", "--output", "./h.json"),
+    ("report", "--history", "h.html", "--output", "{here}/h.html")])
+def test_no_result_is_written_over_the_history_that_is_read(capfd, db, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / [word for word in words if word.startswith("h.")][0]
+    path.write_bytes(db.read_bytes())
+    done = run(capfd, *(word.format(here=tmp_path) for word in words))
+    assert done.status == 2 and ("this is the export itself" in done.err or "named for two things" in done.err)
+    assert path.read_bytes() == db.read_bytes()
 
 
 def test_a_repair_is_entered_taken_back_and_splits_the_trend(capfd, db, tmp_path):

@@ -181,6 +181,32 @@ def test_text_log_and_standard_error(capfd, job):
     assert "info known night=2026-03-01" in (job / "out/nightly.log").read_text()
 
 
+def test_the_report_of_a_night_comes_though_the_job_was_stopped_before_it(capfd, job, monkeypatch):
+    export(job, 1)
+    with monkeypatch.context() as stopped:
+        stopped.setattr("backlash_cli.commands.nightly._write_scan", lambda *given: 1 / 0)
+        assert run(capfd, "nightly", job / "n.toml").status == 2
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "scanned 2026-03-01" in done.out and (job / "out/scan_2026-03-01.json").exists()
+    assert "nothing new" in run(capfd, "nightly", job / "n.toml").out
+
+
+def test_a_folder_of_reports_that_is_a_file_is_named(capfd, job):
+    export(job, 1)
+    (job / "out").mkdir()
+    (job / "out/scans").write_text("")
+    (job / "n.toml").write_text(CONFIG.replace("out/scan_{date}", "out/scans/{date}"))
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "out/scans" in done.err and "fault of backlash" not in done.err
+
+
+def test_a_log_in_json_on_standard_error_is_nothing_else(capfd, job):
+    export(job, 1)
+    (job / "n.toml").write_text(CONFIG.replace('file = "out/nightly.log"\n', ""))
+    lines = run(capfd, "nightly", job / "n.toml").err.splitlines()
+    assert [json.loads(line)["event"] for line in lines] == ["scanned", "report", "done"]
+
+
 def test_a_wrong_rule_is_named_with_its_file(capfd, job):
     export(job, 1)
     (job / "n.toml").write_text(CONFIG.replace("d>90%", "bcklash"))

@@ -51,6 +51,20 @@ def test_exports_without_a_date(tmp_path):
     assert find_exports([str(tmp_path / "none*.csv")]) == ([], [], [str(tmp_path / "none*.csv")])
 
 
+def test_exports_without_a_date_that_are_called_alike_are_told_apart(tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        touch(tmp_path / folder, "plant.csv")
+    names = [e.name for e in find_exports([str(tmp_path / "*/plant.csv")])[0]]
+    assert names == [str(tmp_path.resolve() / folder / "plant.csv") for folder in ("a", "b")]
+
+
+def test_a_file_that_two_inputs_name_is_one_export(tmp_path):
+    touch(tmp_path, "p_2026-03-01.csv")
+    found, *_ = find_exports([str(tmp_path / "p_{date}.csv"), str(tmp_path / "*.csv")])
+    assert [(e.name, len(e.files)) for e in found] == [("2026-03-01", 1)]
+
+
 def test_a_fingerprint_follows_content_and_settings(tmp_path):
     touch(tmp_path, "p_2026-03-01.csv", "loops.toml")
     (export,), *_ = find_exports([str(tmp_path / "p_{date}.csv")])

@@ -9,6 +9,7 @@ import pytest
 from backlash_cli.errors import BacklashError
 from backlash_cli.history.limits import parse_limits, read_limits
 from backlash_cli.history.nightly import check_places, find_exports, lock, read_config
+from backlash_cli.loaders import ReadOptions
 
 CLASSES = '[classes.a]\nlimit = 3\nsource = "s"\n[classes.b]\nlimit = 1.5\n'
 
@@ -44,7 +45,7 @@ GOOD = 'inputs = "x_{date}.csv"\nhistory = "h.db"\n'
 
 def config(tmp_path, text):
     (tmp_path / "n.toml").write_text(text)
-    return read_config(tmp_path / "n.toml")
+    return read_config(tmp_path / "n.toml", ReadOptions)
 
 
 def test_paths_are_relative_to_the_configuration(tmp_path):
@@ -52,7 +53,8 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
                    '[reading]\ntimezone = "Europe/Berlin"\nauto_modes = ["A"]')
     assert found.history == tmp_path / "h.db" and found.lock == tmp_path / "h.db.lock"
     assert found.inputs == (str(tmp_path / "x_{date}.csv"),) and found.outputs.report == tmp_path / "out/wear"
-    assert found.fail_on == ("d>3%",) and found.reading == {"timezone": "Europe/Berlin", "auto_modes": ("A",)}
+    assert found.fail_on == ("d>3%",) and found.reading == ReadOptions(
+        timezone="Europe/Berlin", auto_modes=("A",))
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -61,7 +63,8 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + "horizon = -1", "positive"), (GOOD + 'together = "yes"', "true or false"), (GOOD + "loops = 3", "text"),
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
-    (GOOD + '[reading]\ntimezon = "x"', "timezone"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
+    (GOOD + '[reading]\ntimezon = "x"', "timezone"), (GOOD + '[reading]\nheader_row = "1"', "header_row"),
+    (GOOD + '[reading]\nauto_modes = "BLK"', "a list"), (GOOD + "[reading]\ndelimiter = 5", "delimiter = 5"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
 ])
 def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
     with pytest.raises(BacklashError) as caught:

@@ -212,6 +212,8 @@ MORE = {
     "quality_of_profibus": Export({"plant.csv": long(lambda n,t,v:f"{n};{iso(t)};{v.replace('.',',')};128;0","Archive variable;Time stamp;Value;Quality code;Flags")}),
     "quality_yes": Export({"plant.csv": long(lambda n,t,v:f"{iso(t)};{n};{v.replace('.',',')};Y","Zeit;Tag;Wert;Gültig")}),
     "pairs_above_units": Export({"plant.csv": ",".join(f"{n}," for n in SIGNALS)+"\n"+",".join("Time,m3/h" for _ in SIGNALS)+"\n"+"".join(",".join(f"{iso(t)},{cell(n, v[i])}" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
+    "pairs_tag_beside_unit": Export({"plant.csv": ",".join(f"{n},{'%' if n.endswith('OP') else 'm3/h'}" for n in SIGNALS)+"\n"+",".join("Time,Value" for _ in SIGNALS)+"\n"+"".join(",".join(f"{iso(t)},{cell(n, v[i])}" for n, v in SIGNALS.items())+"\n" for i,t in enumerate(STAMPS))}),
+    "title_with_a_comma": Export({"plant.csv": wide(time_name=",".join(["",*(f'"{n[:-3]}, main feed"' for n in SIGNALS)]) + "\nTime", name=lambda n: n.rpartition(".")[2])}),
     "loop_signal_unit": Export({"plant.csv": long(lambda n,t,v:f"{';'.join(n.split('.'))};{iso(t)};{v.replace('.',',')};{'%' if n.endswith('OP') else 'bar' if n.startswith('P') else 'm3/h'}","Regler;Größe;Zeitpunkt;Messwert;Einheit")}),
     "name_comma": Export({"plant.csv": wide(name=lambda n: f'"{n.replace(".", ":MAIN,")}"')},settings=SETTINGS.replace("FIC101","'FIC101:MAIN'").replace("PIC303","'PIC303:MAIN'"),loops={"FIC101:MAIN":"FIC101","PIC303:MAIN":"PIC303"}),
     "described_behind_unit": Export({"plant.csv": wide(name=lambda n: f"{n} [m3/h] - Feed flow", delimiter=";")}),
