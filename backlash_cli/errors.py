@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 class BacklashError(Exception):
     """Something the user can mend: `what` went wrong, `where` (file, line, column, loop), and the `remedy`; `code` is
     the machine-readable reason that reports carry."""
-
     code = "error"
 
     def __init__(self, what: str, *, where: str = "", remedy: str = "", code: str | None = None) -> None:
@@ -20,25 +19,21 @@ class BacklashError(Exception):
 
 class InputError(BacklashError):
     """A file or folder that cannot be read as an export."""
-
     code = "unreadable_input"
 
 
 class MetadataError(BacklashError):
     """Loop settings (`loops.toml`, CSV table, model or scenario file) that are wrong or incomplete."""
-
     code = "bad_metadata"
 
 
 class LoopError(BacklashError):
     """One loop that cannot be analysed; the others go on."""
-
     code = "loop_refused"
 
 
 class UsageError(BacklashError):
     """The command line asks for something that does not exist or does not fit together."""
-
     code = "wrong_use"
 
 

@@ -22,6 +22,8 @@ QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still thi
 STANDINS = (-32768.0, 32767.0, 65535.0, *(sign * ten - sign for ten in (1e3, 1e4, 1e5, 1e6) for sign in (-1.0, 1.0)))
 LARGEST = 1e29  # no plant measures more
 CONVERTED = 3.0  # times larger or smaller: another unit, no other state of the plant
+LOOK, ON_A_LINE = 256, 0.999  # samples at each place, and correlation, of an output that is PV in another unit
+PASTED, REPEATED = 32, 0.2  # samples that no noise makes twice; share of a record from which on this is told
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
 
@@ -175,6 +177,33 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
 
 
+def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
+    """(samples,) True where a measurement with noise is, number by number, what it was before, as in data pasted twice;
+    None where a look at some places shows nothing of it."""
+    n, lags = len(values), Counter[int]()
+    for at in np.linspace(0, n - PASTED, 16).astype(int).tolist() if n > 4 * PASTED else ():
+        look = values[at : at + PASTED]
+        if np.count_nonzero(np.diff(np.sign(np.diff(look)))) < PASTED // 4 or len(np.unique(look)) < PASTED // 2:
+            continue  # without noise: a cycle may repeat itself
+        same = np.flatnonzero(values[: n - PASTED + 1] == look[0])
+        for further in range(1, PASTED):
+            same = same[values[same + further] == look[further]]
+        lags.update(np.abs(same[same != at] - at).tolist())
+    lag = max(lags, key=lags.__getitem__, default=n)
+    found = np.append(np.zeros(lag, bool), values[lag:] == values[: n - lag])
+    return found if np.mean(found) > REPEATED else None
+
+
+def is_copy(output: FloatArray, measurement: FloatArray) -> bool:
+    """Say whether an output is the measurement in another unit: they lie on one line, and so do their changes, in a
+    look at some places. A controller answers the changes of PV, and not its level, in such a way."""
+    looked = np.linspace(0, max(len(output) - LOOK, 0), 8).astype(int)[:, None] + np.arange(min(LOOK, len(output)))
+    both = np.stack([output[looked], measurement[looked]])
+    both = both[:, np.isfinite(both).all(axis=(0, 2))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return both.size > 0 and all(np.corrcoef(x.reshape(2, -1)).min() > ON_A_LINE for x in (both, np.diff(both)))
+
+
 STRANGE = ("apart", "copied", "mirrored")  # not the signals of one loop
 _KINDS = {kind: (SampleState[state] if state else None, code) for kind, (state, code) in WORDS["samples"].items()}
 
@@ -205,8 +234,8 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
     missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - pv)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
-             "mirrored": mirrored, "wild": wild, "filled": filled, "frozen": frozen(y), "lost": missing & wild,
-             "missing": missing & ~wild, "interpolated": interpolated,
+             "mirrored": mirrored, "wild": wild, "filled": filled, "repeated": repeats(pv), "frozen": frozen(y),
+             "lost": missing & wild, "missing": missing & ~wild, "interpolated": interpolated,
              "saturated": None if op is None else saturated(op, off),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)

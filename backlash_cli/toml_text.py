@@ -30,7 +30,7 @@ def read_page(path: str | PathLike[str], what: str, remedy: str, otherwise: str 
     with `what` it is and the `remedy`."""
     try:
         with place(path).open("rb") as file:
-            text = file.read()
+            text = file.read(256 << 20)  # bytes, more than any page: /dev/zero has no end
         with suppress(UnicodeDecodeError):  # Excel saves "Unicode text" in UTF-16
             return text.decode("utf-16" if text.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
         return text.decode(otherwise)

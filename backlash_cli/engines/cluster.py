@@ -10,7 +10,6 @@ import logging
 import os
 import pickle
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -89,12 +88,11 @@ def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -
     where = f"--scheduler {scheduler}"
     if not client.scheduler_info(n_workers=-1)["workers"]:
         say(f"the scheduler at {scheduler} has no workers yet; waiting up to {WORKERS:g} s")
-        until = time.monotonic() + WORKERS
         nudge = client.submit(int, 0, pure=False)  # a cluster that adapts itself starts workers when there is work
-        while not client.scheduler_info(n_workers=-1)["workers"]:
-            if time.monotonic() > until:
-                raise BacklashError(**explained("no_workers", scheduler=scheduler), where=where)
-            time.sleep(0.2)
+        try:
+            client.wait_for_workers(1, timeout=WORKERS)
+        except TimeoutError:
+            raise BacklashError(**explained("no_workers", scheduler=scheduler), where=where) from None
         nudge.release()
     found: dict[str, Any] = client.run(version_here, on_error="return")
     for worker, version in found.items():
@@ -164,7 +162,10 @@ def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Res
             del waiting[0]
             if isinstance(outcome, BacklashError):
                 raise outcome
-            yield lost(item, _reason(outcome)) if isinstance(outcome, Exception) else outcome
+            died = type(outcome).__name__ == "KilledWorker"
+            yield outcome if not isinstance(outcome, Exception) else lost(item, Note("process_died" if died else
+                "internal_error", "its worker was killed every time, perhaps for lack of memory" if died else
+                f"its worker failed: {_said(outcome)}"))
     finally:
         if waiting:
             client.cancel(waiting, force=True)
@@ -184,12 +185,6 @@ def _outcome(client: Client, future: Future) -> Any:
         return error
     finally:
         future.release()
-
-
-def _reason(error: Exception) -> Note:
-    if type(error).__name__ == "KilledWorker":
-        return Note("process_died", "its worker was killed every time, perhaps for lack of memory")
-    return Note("internal_error", f"its worker failed: {_said(error)}")
 
 
 def _said(error: BaseException) -> str:

@@ -230,8 +230,7 @@ def in_processes(items: Sequence[Item], work: Callable[[Item], Result], lost: Ca
         for position, item in enumerate(items):
             try:
                 with _stops_wait():  # may start a process, which complains where it is left half told what to do
-                    for coming in items[position + len(waiting) : position + ahead]:
-                        waiting.append(pool.submit(work, coming))
+                    waiting += [pool.submit(work, one) for one in items[position + len(waiting) : position + ahead]]
                 result = waiting.pop(0).result()
             except (BrokenProcessPool, OSError):  # a process died over an item nobody knows, or while another began
                 if count == 1 and not started.is_set():  # each process runs the script of the first one anew

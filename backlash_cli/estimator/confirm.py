@@ -213,7 +213,9 @@ def _confirmation(s: Study) -> Confirmation:
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
-    unseen = _unseen_motion(s)
+    # OP turned between samples, half a step [%] further out at either end, where the controller is surely faster
+    steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
+    unseen = float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
     d, high = d + unseen, high + 2.0 * unseen
     details: dict[str, float | str] = {"evidence": evidence, "gain": float(gained[at]), "imitation": imitation,
         "share": float(of.share[at]), "share_deviation": float(of.deviation[at]),
@@ -222,13 +224,6 @@ def _confirmation(s: Study) -> Confirmation:
         "crossings": float(s.crossed(d)), "unseen_motion": unseen / 100.0, "recordings": float(len(s.recordings)),
         "trace": float(evidence >= TRACE), "sign_known": float(s.settings.K is not None), "output": s.output}
     return confirmation(d, (low, high), float(of.error_reduction[at]), s.excludes(evidence), details, grid, gained)
-
-
-def _unseen_motion(s: Study) -> float:
-    """How much narrower [%] a dead band looks: OP turned between two samples, about half a step further out than
-    recorded at either end, where so coarse a record is sure to be slower than the controller."""
-    steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
-    return float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
 
 
 def _gained(tests: Sequence[GapTest]) -> FloatArray:

@@ -127,7 +127,9 @@ def _found(record: Record, finest: LawRows) -> Identification | Note:
     best = next(fit for fit in fits if lead.better_than(fit) <= PLAUSIBLE)
     if (averaged or rows.interval < NOISE_UNSEEN * best.reset_time) and best.unexplained > EXACT:
         pid = search_filter(rows, replace(best.form, terms=(*form.terms, DERIVATIVE)), longest, NEAR)
-        if pid and derivative_is_real(pid[0], best):
+        # a first-order filter looks like a D part with Td = Tf; a real one is longer, and clearly better
+        Td = pid[0].values[pid[0].form.terms.index(DERIVATIVE)] / pid[0].gain if pid else 0.0
+        if pid and Td > max(2.0 * pid[0].filter_time, 0.02 * pid[0].reset_time) and pid[0].better_than(best) > CLEARLY:
             fits, best = pid, pid[0]
     alike = best.one_frequency > ONE_FREQUENCY
     if alike:  # with the filter that the tool assumes; with none, and one twice as slow, for the intervals
@@ -181,12 +183,6 @@ def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float]
 def window_of(wanted: float, rows: int) -> int:
     """Return the rows of a window, `wanted` where a record of so many rows holds six of them."""
     return int(np.clip(wanted, MIN_WINDOW, max(min(ROWS, rows // 6), MIN_WINDOW)))
-
-
-def derivative_is_real(pid: LawFit, pi: LawFit) -> bool:
-    """A first-order filter looks like a D part with Td = Tf; a real one is longer, and clearly better."""
-    Td = pid.values[pid.form.terms.index(DERIVATIVE)] / pid.gain
-    return Td > max(2.0 * pid.filter_time, 0.02 * pid.reset_time) and pid.better_than(pi) > CLEARLY
 
 
 def _refused(explained: float, *, by_chance: bool = False, unseen: str = "proportional_part_unseen") -> Note:

@@ -56,7 +56,7 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     notes = []
     if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):
         action = "reverse (K positive)" if found.K.value > 0 else "direct (K negative)"
-        notes.append(noted("settings_action_sign", _values(found, -1.0, "warn"), given=K, action=action))
+        notes.append(noted("settings_action_sign", _values(found, -1.0, "contradict"), given=K, action=action))
     notes += _compared(K, Ti, settings, found)
     low, high = found.Td.ci95
     # only where the data show a D part: its absence cannot be told from a filter

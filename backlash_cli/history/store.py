@@ -68,8 +68,11 @@ class History(contextlib.AbstractContextManager["History"]):
                     self.db.execute(f"PRAGMA user_version = {len(STEPS)}")
             opening.pop_all()
 
-    def __exit__(self, *error: object) -> None:
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.db.close()
+        if isinstance(error, (msgspec.ValidationError, json.JSONDecodeError)):  # of a row that it holds
+            what, _, remedy = WORDS["history"]["SQLITE_CORRUPT"].rpartition(" -> ")
+            raise BacklashError(f"{what} ({error})", where=str(self.path), remedy=remedy) from None
 
     def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> dict[str, list[Any]]:
         """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
@@ -147,7 +150,7 @@ class History(contextlib.AbstractContextManager["History"]):
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
-        return [Repair(**row) for row in self.rows("SELECT * FROM repairs WHERE loop = ? ORDER BY time", [loop])]
+        return msgspec.convert(self.rows("SELECT * FROM repairs WHERE loop = ? ORDER BY time", [loop]), list[Repair])
 
     def mark_repair(self, loop: str, time: float, note: str) -> bool:
         """Enter a repair of a loop's valve at `time` (epoch seconds); False when it is already there like this."""

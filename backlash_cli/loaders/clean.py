@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import LoopError, some
 from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
-from ..samples import MAX_HOLE, STRANGE, held, judged, linear, state_notes
+from ..samples import MAX_HOLE, STRANGE, held, is_copy, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, LIKELY, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
@@ -156,13 +156,13 @@ class _Making:
         between = None if grid.recorded is None else ~grid.recorded & np.isfinite(measured)
         y = normalised(measured, scaled.pv_range)
         y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge,
-                                 None if output is None else output == measured)
+                                 None if output is None else (output == measured) | is_copy(output, measured))
         self.counts.update(samples=last - first, **{k: int(np.count_nonzero(x[first:last])) for k, x in marks.items()})
         missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
-            (*STRANGE, "setpoint", "output"), ("manual",))]
+            ("repeated", *STRANGE, "setpoint", "output"), ("manual",))]
         extra = {name: values for name, items in loop.extra.items()
                  if (values := self._disturbance(items, grid)) is not None}
         sp = np.full(len(y), np.nan) if sp is None else sp

@@ -266,7 +266,8 @@ def _plan(stamps: IntArray) -> Grid:
     usual = int(values[np.argmax(counts)])
     multiple = steps / usual
     if np.mean(steps == usual) >= 0.5 and np.mean(np.abs(multiple - np.rint(multiple)) < 0.02) >= 0.9 and (
-            np.mean(multiple > 1.5) <= SPARSE_SHARE and np.all(np.diff(np.rint((stamps - start) / usual)) >= 1)):
+            np.mean(multiple > 1.5) <= SPARSE_SHARE and np.all(np.diff(np.rint((stamps - start) / usual)) >= 1)
+            and abs(np.sum((steps - usual)[multiple < 1.5])) < usual):  # 1.997, 2.007, 1.997 s: 2 s, or rows were lost
         return Grid(start, usual, "regular")
     low, middle, high = np.quantile(steps, [0.1, 0.5, 0.99]).tolist()
     if np.mean((steps >= JITTER[0] * middle) & (steps <= JITTER[1] * middle)) >= 0.9:

@@ -203,7 +203,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
         dates = [i for i, unit in head.parts.items() if unit in DATE]
     if dates and of_day:
         return (*dates, *of_day, *halves), {*columns, *dates, *of_day, *halves}
-    utc = [i for i in columns if "utc" in head.plain[i] or "epoch" in head.plain[i]]
+    utc = [i for i in columns if re.search("utc|epoch", head.names[i], re.IGNORECASE)]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(_LATER.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))
     return (best, *halves), {*columns, *halves}

@@ -7,8 +7,7 @@ from itertools import product
 from ..record import Frozen
 from ..words import Words
 
-_OWN = Words(__package__)
-WORDS, explained, noted = _OWN.tables, _OWN.explained, _OWN.noted
+WORDS, explained, noted = (_own := Words(__package__)).tables, _own.explained, _own.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.format_map(WORDS["columns"]).split()) for kind, words in WORDS["columns"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}

@@ -271,8 +271,6 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
     if without and not kept:
         raise InputError(**explained("nothing_since", text=text, end=utc_text(last)), where=f"--since {when}")
-    notes = [noted("since", {"since": text}, when=when)]
-    if without:
-        notes.append(noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)},
-                           of=len(loops), since=text, some=some(without)))
-    return kept, notes, moment
+    left = noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)}, of=len(loops),
+                 since=text, some=some(without))
+    return kept, [noted("since", {"since": text}, when=when), *[left] * bool(without)], moment

@@ -24,7 +24,7 @@ from .times import stamp_kind
 _FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
                    r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
 _DAY = re.compile(r"[\d._-]+")
-_PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export)\.", re.IGNORECASE)  # of a dataset
+_PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export|trend|history|values)(?:[-_.]\d+)?\.", re.IGNORECASE)
 
 
 class Source(Frozen):
@@ -71,9 +71,9 @@ def _below(folder: Path | Remote) -> list[Source]:
         if not any(part.startswith((".", "_")) for part in parts):
             listed[tuple(parts)].append(name)
     folders = sorted((way, frozenset(names)) for way, names in listed.items())
-    alike = Counter(name for name, _ in {
-        (name, home) for way, names in folders for home in [told_by(way, "data.")] for name in names})
-    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name, alike[name] > 1), beside)
+    alike = Counter(stem for stem, _ in {
+        (undated(stem_of(name)), told_by(way, "data.")) for way, names in folders for name in names})
+    found = [Source(reduce(truediv, (*way, name), folder), told_by((folder.name, *way), name, alike), beside)
              for way, beside in folders for name in sorted(filter(is_export, beside))]
     found += [Source(Path(error.filename)) for error in closed]
     if not found:
@@ -83,7 +83,7 @@ def _below(folder: Path | Remote) -> list[Source]:
     return found
 
 
-def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
+def told_by(folders: Sequence[str], name: str, alike: Counter[str] | None = None) -> str:
     """Return the loop, or tag, that folders on the way to a file name, as loop=FIC101 does; the nearest that is called
     after something where the file is called after its signal, day or number alone, or `alike` others and no number."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
@@ -93,8 +93,8 @@ def told_by(folders: Sequence[str], name: str, alike: bool = False) -> str:
     stem = ways.pop() if of_day and ways else undated(stem)  # FIC101/2026/03/17.csv
     if ways and len(ways[-1]) == 2 and signal_role(ways[-1]) and not signal_role(stem):  # PV/FIC101.csv
         tags = [f"{stem}.{ways[-1]}"]
-    alike = alike and not re.search(r"\d", stem_of(name))
-    if not loops and not tags and (alike or _PART.match(name) or signal_role(stem) or of_day):
+    many = alike is not None and alike[stem] > 1 and not re.search(r"\d", stem)
+    if not loops and not tags and (many or _PART.match(f"{stem}.") or signal_role(stem) or of_day):
         loops = [*[stem] * (of_day and not signal_role(stem)), *reversed(ways)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
     return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
@@ -125,7 +125,8 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
     def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
         for file in (f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
             with contextlib.suppress(InputError, OSError):  # some stores answer "denied" for what is not there
-                if (file in beside if beside is not None else (folder / file).is_file()) and folder / file not in data:
+                if (file in beside if beside is not None else (folder / file).is_file() or (
+                        isinstance(folder, Path) and os.path.lexists(folder / file))) and folder / file not in data:
                     return folder / file
         return None
 

@@ -52,7 +52,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     if is_column(name, "units"):  # what stands in another one than the first is as good as none of this signal
         codes, words = cells.texts()
         first = known.setdefault("unit", words[codes[codes >= 0][0]] if words else "")
-        return np.append([word == first for word in words], True)[codes], [
+        return np.append(np.array([word == first for word in words], bool), True)[codes], [
             noted("other_unit", column=name, first=first, words=some(words))] * (words not in ([], [first]))
     (numbers, codes, words), (extra, wanted) = _numbers_or_words(cells, all_texts=True), _named(further)
     if words and not extra and all(re.fullmatch(r"\s*0[xX][0-9a-fA-F]{1,8}\s*", word) for word in words):

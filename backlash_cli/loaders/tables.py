@@ -229,10 +229,10 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     found, notes, problems, lost = list[Series](), list[Note](), list[InputError](), dict[str, InputError]()
     packed = len(parts) if kind == "archive" else 0
     books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
-    called = Counter(name.rpartition("/")[2] for name, _ in parts)
+    called = Counter(undated(stem_of(name.rpartition("/")[2])) for name, _ in parts)
     for number, (name, opened) in enumerate(parts):  # a workbook is followed by its sheets, a text by its tables
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
-        home = told_by((stem, *folders), file, called[file] > 1) if kind in ("archive", "workbook") else source.home
+        home = told_by((stem, *folders), file, called) if kind in ("archive", "workbook") else source.home
         own, signals, problem, text = undated(stem_of(file)), list[Series](), None, None
         table: TextTable | ParquetTable | None = None
         try:

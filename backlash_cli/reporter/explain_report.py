@@ -114,12 +114,6 @@ def reason(x: Explanation, names: Iterable[str]) -> Note:
     return [*silent, *(c.why for c in tried if c.why), Note("not_tried", sentence("why", "not_tried"))][0]
 
 
-def valve_reason(x: Explanation) -> Note | None:
-    """Return why no gap was found in the valve of a loop; None where one was accepted."""
-    found = any(e.gap is not None for e in x.effects)
-    return None if found else reason(x, [c.effect for c in x.candidates if c.gap is not None])
-
-
 def to_csv(plant: PlantExplanation) -> str:
     """Return one row per loop as CSV, those that could not be explained last; errors in parts of the PV span."""
     lost = [{"loop": n.values.get("loop", n.values.get("file", "")), "failure": n.message} for n in plant.failures]
@@ -127,7 +121,9 @@ def to_csv(plant: PlantExplanation) -> str:
 
 
 def _row(x: Explanation) -> dict[str, Any]:
-    before, after, no_gap = x.baseline.rmse_holdout, x.rmse_holdout, valve_reason(x)
+    before, after = x.baseline.rmse_holdout, x.rmse_holdout
+    no_gap = None if any(e.gap is not None for e in x.effects) else reason(
+        x, [c.effect for c in x.candidates if c.gap is not None])
     return {"loop": x.loop, "missing_effect": x.missing_effect, "effects": "; ".join(e.effect for e in x.effects),
         "numbers": _numbers(x, brief=False), "rmse_baseline": before, "rmse_final": after, "noise_floor": x.noise_floor,
         "error_reduction": 1.0 - (after / before) ** 2 if before > 0 else None, "unexplained": x.unexplained,

@@ -19,7 +19,7 @@ from .json_report import json_parts
 from .page import is_page
 from .report import LoopPart, Report
 from .safe import entitled, file_names
-from .tables import columns_of, csv_parts, to_dataframe
+from .tables import csv_parts, to_dataframe
 from .templates import sentence
 from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
 
@@ -39,7 +39,6 @@ _RULES: dict[str, tuple[Verdict, ...]] = {**{str(v): (v,) for v in Verdict if v 
 def check_delivery(form: str | None, output: Path | None, table: str) -> str | None:
     """Return the form to write, from `form` or else the suffix of `output`; None when neither says. Raises UsageError
     for what cannot be, before any work is done."""
-    columns_of(table)
     if form is None and output is not None:
         form = form_of(output, _SUFFIXES)
     if form == "parquet" and output is None:

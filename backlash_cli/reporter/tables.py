@@ -27,13 +27,6 @@ TABLES: dict[str, dict[str, str]] = WORDS["columns"]
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
 
-def columns_of(table: str) -> dict[str, str]:
-    """Return the columns of a table, name -> kind. Raises UsageError for a table that does not exist."""
-    if table not in TABLES:
-        raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
-    return TABLES[table]
-
-
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
     if table == "estimates":
         return [[strict(r.loop), *row.values()] for row in strict(r.estimates)]
@@ -57,14 +50,14 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     """
     import pandas as pd
 
-    columns = {name: _DTYPES[kind.split()[0]] for name, kind in columns_of(table).items()}
+    columns = {name: _DTYPES[kind.split()[0]] for name, kind in TABLES[table].items()}
     return pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns)).astype(columns)
 
 
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
     """Return a table as CSV text, a piece per loop; what a spreadsheet would run as a formula gets an apostrophe in
     front. Raises UsageError for a table that does not exist."""
-    return itertools.chain([csv_text([list(columns_of(table))])], (csv_text(_rows(r, table)) for r in result.loops))
+    return itertools.chain([csv_text([list(TABLES[table])])], (csv_text(_rows(r, table)) for r in result.loops))
 
 
 def csv_table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

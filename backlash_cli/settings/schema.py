@@ -97,7 +97,7 @@ def parse_table(text: str, where: str) -> Metadata:
 
     Ranges are written "0..900" or "[0, 900]". Raises MetadataError naming line and column."""
     delimiter = max(";\t,", key=text.partition("\n")[0].count)
-    reader = csv.reader(io.StringIO(text), delimiter=delimiter)
+    reader = csv.reader(io.StringIO(text), delimiter=delimiter, strict=True)
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:

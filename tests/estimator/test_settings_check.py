@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backlash_cli.estimator.identify import identify
-from backlash_cli.estimator.settings_check import check_settings, clocks
+from backlash_cli.estimator.settings_check import check_settings, clocks, contradicts
 from backlash_cli.record import LoopSettings, Note, record_from_arrays
 from backlash_cli.results import Verdict
 from backlash_cli.scanning import scan
@@ -46,6 +46,12 @@ def test_right_settings_are_left_alone(K: float | None, Ti: float | None) -> Non
 )
 def test_wrong_settings_are_named(K: float | None, Ti: float, code: str) -> None:
     assert codes(K, Ti) == [code]
+
+
+def test_an_action_of_the_other_sign_is_a_contradiction() -> None:
+    given = LoopSettings(K=-0.6, Ti=28.0, source={"K": "metadata", "Ti": "metadata"})
+    found = identify(run(LOOP, 9000, load=load_steps(9000)))
+    assert [contradicts(note) for note in check_settings(given, found)] == [True]
 
 
 @pytest.mark.parametrize("span", [16.0, 60.0, 150.0, 900.0])

@@ -64,7 +64,8 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
     (GOOD + '[reading]\ntimezon = "x"', "timezone"), (GOOD + '[reading]\nheader_row = "1"', "header_row"),
-    (GOOD + '[reading]\nauto_modes = "BLK"', "a list"), (GOOD + "[reading]\ndelimiter = 5", "delimiter = 5"), ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
+    (GOOD + '[reading]\nauto_modes = "BLK"', "a list"), (GOOD + "[reading]\ndelimiter = 5", "delimiter = 5"),
+    ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
 ])
 def test_a_wrong_configuration_is_refused_in_words(tmp_path, text, words):
     with pytest.raises(BacklashError) as caught:

@@ -193,6 +193,18 @@ def test_what_is_no_history_is_refused_with_a_remedy(tmp_path):
     with sqlite3.connect(tmp_path / "other.db") as db:
         db.execute("CREATE TABLE things (a)")
     assert refused(tmp_path / "other.db", create=True) == "not_a_history"
+
+
+@pytest.mark.parametrize("wrong", ["UPDATE nights SET d = 'x'", "UPDATE nights SET verdict = 'fine'",
+    "UPDATE nights SET details = 'no JSON'", "INSERT INTO repairs VALUES ('FIC101', 'yesterday', 'x')"])
+def test_a_row_that_no_scan_wrote_is_damage(tmp_path, wrong):
+    with History(tmp_path / "h.db", create=True) as store:
+        store.add(result(growing(2)[0]))
+        store.db.execute(wrong)
+    with pytest.raises(BacklashError, match=r"h\.db: the history file is damaged .* restore it"), History(
+            tmp_path / "h.db") as store:
+        store.nights("FIC101")
+        store.repairs("FIC101")
     with History(tmp_path / "new.db", create=True) as history:
         history.db.execute("PRAGMA user_version = 99")
     assert refused(tmp_path / "new.db") == "newer_history"

@@ -321,7 +321,8 @@ def noticed(tmp_path, **changed):
 
 @pytest.mark.parametrize(("changed", "code"), [
     ({"SP": SIGNALS["SP"] / 100}, "setpoint_apart"), ({"SP": SIGNALS["PV"]}, "setpoint_copied"),
-    ({"OP": SIGNALS["PV"]}, "output_copied"),
+    ({"OP": SIGNALS["PV"]}, "output_copied"), ({"OP": SIGNALS["PV"] / 4 + 3}, "output_copied"),
+    ({"PV": 4 * SIGNALS["OP"]}, "output_copied"),
     ({"OP": np.where(K < 200, SIGNALS["OP"], SIGNALS["OP"] / 100)}, "unit_change"),
     ({r: np.where(K < 200, SIGNALS[r], SIGNALS[r] * 4.403) for r in ("SP", "PV")}, "unit_change"),
     ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change"),
@@ -333,6 +334,7 @@ def test_doubtful_units_are_said(tmp_path, changed, code):
 
 @pytest.mark.parametrize("changed", [
     {}, {r: np.where(K < 150, SIGNALS[r] / 4, SIGNALS[r]) + (r == "PV") * np.sin(K) for r in ("SP", "PV")},  # a grade
+    {"OP": 90 - SIGNALS["PV"] / 4},  # a P controller
     {"OP": np.where(K < 100, 0.0, SIGNALS["OP"])}, {"PV": SIGNALS["PV"] - 5.0},
     {r: SIGNALS[r] * np.exp(np.clip((K - 150) / 20, 0, 2)) for r in ("SP", "PV")}])  # a start-up
 def test_other_moves_are_no_change_of_units(tmp_path, changed):

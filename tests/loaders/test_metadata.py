@@ -157,6 +157,8 @@ def test_a_setpoint_in_a_table_is_a_number_or_a_tag():
 @pytest.mark.parametrize(
     ("text", "words"),
     [("loop,K,Tii\nA,1,2\n", "unknown key"), ("K,Ti\n1,2\n", "no column 'loop'"),
+     ('loop,K,Ti\nA,1,"7\nB,2,8\n', "not a CSV table"), ("loop,K,Ti,K\nA,1,7,2\n", "two columns are called 'K'"),
+     ("name,loop,K\nx,A,1\n", "unknown key 'name'"),
      ("loop,K\nA,1\nA,2\n", "listed twice"), ("loop,K,Ti\nA,1,7,25\n", "4 cells in a row"),
      ("loop,pv_range\nA,wide\n", "not a range"), ("loop,K\n,1\n", "without a loop name")],
 )  # fmt: skip
@@ -164,6 +166,19 @@ def test_table_mistakes(text, words):
     with pytest.raises(MetadataError, match=words) as caught:
         parse_table(text, "t.csv")
     assert "t.csv" in caught.value.where
+
+
+def test_settings_without_an_end_are_refused():
+    with pytest.raises(MetadataError, match="not valid TOML"):
+        read_metadata("/dev/zero")
+
+
+@pytest.mark.parametrize("make", [lambda path: path.symlink_to("nowhere"), lambda path: path.mkdir()])
+def test_settings_beside_the_data_that_cannot_be_read_are_no_missing_ones(tmp_path, make):
+    (tmp_path / "plant.csv").write_text("t,A.SP,A.PV,A.OP\n2026-03-17 00:00:00,1,1,1\n2026-03-17 00:00:01,1,1,1\n")
+    make(tmp_path / "plant.loops.toml")
+    with pytest.raises(MetadataError, match=r"plant\.loops\.toml"):
+        read(tmp_path / "plant.csv")
 
 
 def test_tags_may_be_numbers():

@@ -52,6 +52,13 @@ def remarked(lines):
 EXPORTS = {
     "folders_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/data.csv": single(loop) for loop in RANGES})}),
     "folders_of_one_name_in_an_archive": Export({"plant.zip": packed({f"export/{loop}/trend.csv": single(loop) for loop in RANGES})}),
+    "days_of_one_name_in_folders": Export({f"area/{loop}/trend_{day.replace('-', '')}.csv": single(loop, rows) for loop in RANGES for day, rows in HALVES.items()}, inputs=("area",)),
+    "a_day_each_in_folders": Export({f"area/{loop}/shift_20260317.csv": single(loop) for loop in RANGES}, inputs=("area",)),
+    "numbered_parts_in_folders": Export({f"area/{loop}/values_{k}.csv": single(loop, rows) for loop in RANGES for k, rows in enumerate(HALVES.values(), 1)}, inputs=("area",)),
+    "annotations_above_each_table": Export({"plant.csv": "".join("#group,false,false,false,true,true,false,false,false\n#datatype,string,long,dateTime:RFC3339,string,string,double,double,double\n#default,_result,,,,,,,\n,result,table,_time,_measurement,loop,op,pv,sp\n"
+        + "".join(f",,{k},{iso(STAMPS[i])}Z,pid,{loop},{row(loop, i)}\n" for i in range(ROWS)) + "\n" for k, loop in enumerate(RANGES))}),
+    "times_of_two_zones": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=2))},{iso(t)}", time_name="Time (local),Time (UTC)")}, notes=("not_read",)),
+    "units_of_some_tags": Export({"plant.csv": long(lambda n, t, v: f"{iso(t)},{n},{v},{'' if n.endswith('SP') else '%' if n.endswith('OP') else 'bar'}", "Time,Tag,Value,Units")}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
     "signal_and_day_in_a_folder": Export({f"set/{n.replace('.', '/')}_{day.replace('-', '')}.csv": "Time,Value\n" + "".join(f"{iso(STAMPS[i])},{cell(n, v[i])}\n" for i in rows) for n, v in SIGNALS.items() for day, rows in HALVES.items()}, inputs=("set",)),
     "days_in_folders_of_signals": Export({f"set/{n.replace('.', '/')}/{day}.csv": "Time,Value\n" + "".join(f"{iso(STAMPS[i])},{cell(n, v[i])}\n" for i in rows) for n, v in SIGNALS.items() for day, rows in HALVES.items()}, inputs=("set",)),

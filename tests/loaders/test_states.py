@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from backlash_cli.loaders import read
 from backlash_cli.record import runs
-from backlash_cli.samples import frozen, judged, saturated, short_holes
+from backlash_cli.samples import frozen, judged, repeats, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)
@@ -94,3 +95,29 @@ def test_constant_signal_is_frozen():
         frozen(np.concatenate([np.full(3000, 0.45), 0.45 + 0.01 * np.random.default_rng(0).standard_normal(3000)]))
         is not None
     )
+
+
+DRIFT, FAST = np.random.default_rng(5).normal(0.0, [[0.02], [0.2]], (2, 4000))
+NOISE = 50.0 + np.cumsum(DRIFT) + FAST
+
+
+@pytest.mark.parametrize("values", [np.tile(NOISE[:2000], 2), np.tile(NOISE[:700], 6), np.tile(np.round(NOISE, 2), 3)])
+def test_a_measurement_pasted_again_is_told_where_it_comes_again(values):
+    lag = {4000: 2000, 4200: 700, 12_000: 4000}[len(values)]
+    assert np.array_equal(np.flatnonzero(repeats(values)), np.arange(lag, len(values)))
+
+
+@pytest.mark.parametrize("values", [
+    NOISE, np.round(NOISE), np.full(4000, 7.0), np.sin(2 * np.pi * np.arange(4000) / 100),  # a cycle repeats itself
+    np.append(NOISE, NOISE[:500]), np.full(4000, np.nan), NOISE[:100]])
+def test_other_measurements_are_no_repetition(values):
+    assert repeats(values) is None
+
+
+def test_what_was_pasted_counts_once(tmp_path):
+    rows = "".join(f"{np.datetime64('2026-03-17T00:00:00') + k},50,{NOISE[k % 2000]:.3f},{40 + k % 97}\n"
+                   for k in range(4000))
+    (tmp_path / "plant.csv").write_text("time,A.SP,A.PV,A.OP\n" + rows)
+    (record,) = read(tmp_path / "plant.csv")
+    assert np.array_equal(np.flatnonzero(record.usable), np.arange(2000))
+    assert any(note.code == "repeated" and "2000 of 4000" in note.message for note in record.notes)
