@@ -21,7 +21,7 @@ def quality_words(words: list[str], named: str = "") -> bool:
     """Say whether texts are qualities, and no modes or states. named: the column is called so."""
     plain = [word.strip() for word in words if len(word.strip()) > 1]
     return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
-        named or re.match(r"good|bad|gut|uncertain|0xc0", word, re.IGNORECASE) for word in plain)
+        named or re.match(r"good|bad|gut|uncertain|0xc0|i/?o.timeout|comm.fail", word, re.IGNORECASE) for word in plain)
 
 
 def mode_words(words: list[str]) -> bool:
