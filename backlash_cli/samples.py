@@ -136,7 +136,8 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
         beyond = np.abs(values) > LARGEST
         return beyond if (further := no_values(np.where(beyond, np.nan, values))) is None else beyond | further
     found: NDArray[np.bool_] | None = None
-    for number in sorted({0.0, *STANDINS} & {0.0, *outer}, key=abs, reverse=True):
+    there = {0.0, *STANDINS} & {*outer}  # a zero lies outside all others where they all do, or a larger one is gone
+    for number in sorted(there and {0.0, *there}, key=abs, reverse=True):
         same = values == number
         rest = values[~same & np.isfinite(values)] if same.any() else values[:0]
         if len(rest) < 20:
@@ -155,14 +156,14 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
 def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
-    least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
-    if 0.0 < most < CONVERTED * least:
+    some = values[::11]  # shows it as well; a prime number, so that no pattern hides
+    if not np.any(np.maximum(some[1:], some[:-1]) > CONVERTED / 1.5 * np.minimum(some[1:], some[:-1])):
         return 0, 0
+    least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
     sizes = values if least > 0.0 else values[values > 0.0]
     small = sizes * CONVERTED <= most  # one of the two is: few, as a rule
     far = np.flatnonzero(small[1:] | small[:-1])
-    one, next_ = sizes[far], sizes[far + 1]
-    far = far[np.maximum(one, next_) >= CONVERTED * np.minimum(one, next_)]
+    far = far[np.maximum(sizes[far], sizes[far + 1]) >= CONVERTED * np.minimum(sizes[far], sizes[far + 1])]
     if len(sizes) < 100 or not len(far):
         return 0, 0
     steps = np.abs(np.log(sizes[far + 1] / sizes[far]))
@@ -179,25 +180,25 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
 
 def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a measurement with noise is, number by number, what it was before, as in data pasted twice;
-    None where a look at some places shows nothing of it."""
+    None where a look at two places shows nothing of it."""
     n, lags = len(values), Counter[int]()
-    for at in np.linspace(0, n - PASTED, 16).astype(int).tolist() if n > 4 * PASTED else ():
+    for at in (n // 4, 3 * n // 4) if n > 4 * PASTED else ():
         look = values[at : at + PASTED]
-        if np.count_nonzero(np.diff(np.sign(np.diff(look)))) < PASTED // 4 or len(np.unique(look)) < PASTED // 2:
+        if np.count_nonzero(np.diff(np.sign(np.diff(look)))) < PASTED // 4 or len({*look.tolist()}) < PASTED // 2:
             continue  # without noise: a cycle may repeat itself
         same = np.flatnonzero(values[: n - PASTED + 1] == look[0])
-        for further in range(1, PASTED):
-            same = same[values[same + further] == look[further]]
+        same = same[(values[same[:, None] + np.arange(PASTED)] == look).all(axis=1)]
         lags.update(np.abs(same[same != at] - at).tolist())
-    lag = max(lags, key=lags.__getitem__, default=n)
-    found = np.append(np.zeros(lag, bool), values[lag:] == values[: n - lag])
-    return found if np.mean(found) > REPEATED else None
+    for lag, _ in lags.most_common(1):
+        found = np.append(np.zeros(lag, bool), values[lag:] == values[:-lag])
+        return found if np.mean(found) > REPEATED else None
+    return None
 
 
 def is_copy(output: FloatArray, measurement: FloatArray) -> bool:
     """Say whether an output is the measurement in another unit: they lie on one line, and so do their changes, in a
     look at some places. A controller answers the changes of PV, and not its level, in such a way."""
-    looked = np.linspace(0, max(len(output) - LOOK, 0), 8).astype(int)[:, None] + np.arange(min(LOOK, len(output)))
+    looked = np.linspace(0, max(len(output) - LOOK, 0), 4).astype(int)[:, None] + np.arange(min(LOOK, len(output)))
     both = np.stack([output[looked], measurement[looked]])
     both = both[:, np.isfinite(both).all(axis=(0, 2))]
     with np.errstate(divide="ignore", invalid="ignore"):
