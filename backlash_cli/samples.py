@@ -189,10 +189,9 @@ def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
         same = np.flatnonzero(values[: n - PASTED + 1] == look[0])
         same = same[(values[same[:, None] + np.arange(PASTED)] == look).all(axis=1)]
         lags.update(np.abs(same[same != at] - at).tolist())
-    for lag, _ in lags.most_common(1):
-        found = np.append(np.zeros(lag, bool), values[lag:] == values[:-lag])
-        return found if np.mean(found) > REPEATED else None
-    return None
+    lag = max(lags, key=lags.__getitem__, default=n)
+    found = np.append(np.zeros(lag, bool), values[lag:] == values[: n - lag])
+    return found if np.count_nonzero(found) > REPEATED * n else None
 
 
 def is_copy(output: FloatArray, measurement: FloatArray) -> bool:

@@ -13,8 +13,10 @@ from ..history.store import History
 from ..loaders.sources import read_metadata
 from ..reporter import history_report
 from ..reporter.files import form_of
+from ..reporter.history_report import WIDTH
 from ..reporter.safe import counted
 from ..reporter.tables import history_rows, write_rows
+from ..reporter.templates import screen
 from ..results.history import Place, day_of
 from .options import TEXT_OR_JSON
 from .terminal import put, refusal, say
@@ -86,6 +88,5 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
             write_rows(rows, target)
             say(f"{len(rows)} rows of {table or 'nights'} written to {target}")
         if not (repair or remove_repair or target):
-            put(None, history_report.runs_text(store.runs()) if runs else history_report.loops_text(
-                {name: store.nights(name) for name in names}, {name: store.repairs(name) for name in names},
-                len(store.runs())))
+            put(None, screen("runs.txt", width=WIDTH, runs=store.runs()) if runs else history_report.loops_text(
+                {n: store.nights(n) for n in names}, {n: store.repairs(n) for n in names}, len(store.runs())))

@@ -135,9 +135,8 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`)."""
     nights: dict[date | str, list[Path]] = {}
     behind = {pattern: matches(pattern) for pattern in patterns}
-    # what has a date for one of them is of that night only
     days = dict(sorted((match for found in behind.values() for match in found), key=lambda match: match[1] is not None))
-    for path, day in sorted(days.items()):
+    for path, day in sorted(days.items()):  # what has a date for one pattern is of that night only
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
     dated = sorted(day for day in nights if isinstance(day, date))
     older = [day.isoformat() for day in dated if (dated[-1] - day).days > look_back]

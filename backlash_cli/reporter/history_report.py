@@ -35,11 +35,6 @@ def loops_text(nights: Mapping[str, Sequence[Night]], repairs: Mapping[str, Sequ
     return screen("history.txt", width=WIDTH, nights=nights, repairs=repairs, runs=runs, sizes=sizes, verdicts=verdicts)
 
 
-def runs_text(runs: Sequence[Mapping[str, Any]]) -> str:
-    """Return one line per run that added to the history, in the order of their data."""
-    return screen("runs.txt", width=WIDTH, runs=runs)
-
-
 def trend(places: Sequence[Place]) -> Report:
     """Return wear and ranking of all loops in the order of repair; verbose: why every loop has its place."""
     return Report("trend", "", {"places": places, "growth": growth}, lambda: {"loops": [*map(_told, places)]},

@@ -27,6 +27,12 @@ TABLES: dict[str, dict[str, str]] = WORDS["columns"]
 _DTYPES = {"text": "string", "number": "float64", "count": "int64", "flag": "bool", "time": "datetime64[us, UTC]"}
 
 
+def _columns(table: str) -> dict[str, str]:
+    if table not in TABLES:
+        raise UsageError(f"no table {table!r}", where="--table", remedy=f"one of: {', '.join(TABLES)}")
+    return TABLES[table]
+
+
 def _rows(r: LoopReport, table: str) -> list[list[Any]]:
     if table == "estimates":
         return [[strict(r.loop), *row.values()] for row in strict(r.estimates)]
@@ -47,17 +53,17 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     """Return the result as a pandas DataFrame: a row per loop, or per half period with `table="estimates"`.
 
     Sizes (d, dy, e_max ...) are parts of the span: 0.03 is 3 %. Times are UTC timestamps. Names are as in the export.
-    """
+    Raises UsageError for a table that does not exist."""
     import pandas as pd
 
-    columns = {name: _DTYPES[kind.split()[0]] for name, kind in TABLES[table].items()}
+    columns = {name: _DTYPES[kind.split()[0]] for name, kind in _columns(table).items()}
     return pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns)).astype(columns)
 
 
 def csv_parts(result: ScanResult, table: str = "loops") -> Iterator[str]:
     """Return a table as CSV text, a piece per loop; what a spreadsheet would run as a formula gets an apostrophe in
     front. Raises UsageError for a table that does not exist."""
-    return itertools.chain([csv_text([list(TABLES[table])])], (csv_text(_rows(r, table)) for r in result.loops))
+    return itertools.chain([csv_text([list(_columns(table))])], (csv_text(_rows(r, table)) for r in result.loops))
 
 
 def csv_table(columns: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:

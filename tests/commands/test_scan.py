@@ -130,7 +130,7 @@ def test_rules_look_at_verdict_and_size():
         (["--output", "x" * 300 + ".csv"], ["the name is too long", "choose a shorter name"]),
         (["--history", "x" * 300 + ".db"], ["the name is too long"]),
         (["--output", "nowhere/report.csv"], ["the folder does not exist"]),
-        (["--table", "loop", "--format", "csv"], ["loops, estimates"]),
+        (["--table", "loop", "--format", "csv"], ["'loop' is not one of 'loops', 'estimates'"]),
         (["--table", "estimates"], ["--format csv"]),
         (["--jobs", "0"], ["--jobs"]),
         (["--no-such"], ["--no-such"]),
