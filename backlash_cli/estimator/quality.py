@@ -149,7 +149,6 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         survey = Survey()
         survey.update(record)
     from ..kernels import gap_crossings
-
     Ti, interval = record.settings.Ti if Ti is None else Ti, record.interval
     points = survey.last - survey.first + 1 if survey.samples else 0
     share = (survey.states / max(points, 1)).tolist()

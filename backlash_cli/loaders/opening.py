@@ -471,7 +471,7 @@ def _spans(cells: list[str], width: int) -> bool:
 def score_names(cells: list[str]) -> float:
     """How much a line looks like a header: points for names that are known, off for numbers and times."""
     points = 0.0
-    for i, cell in enumerate(cells):
+    for i, cell in enumerate(cells[:2000]):  # of more these tell enough
         if split_tag(cell).role or signal_role(cell):
             points += (1.4 if " " in split_tag(cell).loop else 2.0) if split_tag(cell).loop else 1.0  # Feed flow SP
         elif is_column(cell, "time", "tag", "value", "loop"):
