@@ -186,7 +186,7 @@ def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
         look = values[at : at + PASTED]
         if np.count_nonzero(np.diff(np.sign(np.diff(look)))) < PASTED // 4 or len({*look.tolist()}) < PASTED // 2:
             continue  # without noise: a cycle may repeat itself
-        same = np.flatnonzero(values[: n - PASTED + 1] == look[0])
+        same = np.flatnonzero(values[(top := int(look.argmax())) : n - PASTED + 1 + top] == look[top])  # the rarest
         same = same[(values[same[:, None] + np.arange(PASTED)] == look).all(axis=1)]
         lags.update(np.abs(same[same != at] - at).tolist())
     lag = max(lags, key=lags.__getitem__, default=n)
