@@ -200,7 +200,7 @@ def is_copy(output: FloatArray, measurement: FloatArray) -> bool:
     places = np.array([[0], [1], [3]]) * len(output) // 4 + np.arange(min(LOOK, len(output) // 4))
     both = np.stack([output[places], measurement[places]])
     both = both[:, np.isfinite(both).all(axis=(0, 2))]
-    return both.size > 0 and all(a @ b > ON_A_LINE * float(a @ a * (b @ b)) ** 0.5 for a, b in (
+    return both[..., 1:].size > 0 and all(a @ b > ON_A_LINE * float(a @ a * (b @ b)) ** 0.5 for a, b in (
         x - x.mean(axis=1, keepdims=True) for x in (np.diff(both).reshape(2, -1), both.reshape(2, -1))))
 
 

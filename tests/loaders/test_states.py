@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.loaders import read
 from backlash_cli.record import runs
-from backlash_cli.samples import frozen, judged, repeats, saturated, short_holes
+from backlash_cli.samples import frozen, is_copy, judged, repeats, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)
@@ -112,6 +112,11 @@ def test_a_measurement_pasted_again_is_told_where_it_comes_again(values):
     np.append(NOISE, NOISE[:500]), np.full(4000, np.nan), NOISE[:100]])
 def test_other_measurements_are_no_repetition(values):
     assert repeats(values) is None
+
+
+@pytest.mark.parametrize("samples", range(12))
+def test_a_few_samples_are_no_copy(samples):
+    assert not is_copy(np.full(samples, 3.0), np.arange(samples, dtype=float))
 
 
 def test_what_was_pasted_counts_once(tmp_path):
