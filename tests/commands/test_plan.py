@@ -69,3 +69,13 @@ def test_a_loop_that_is_decided_needs_no_plan(capfd):
 def test_wrong_use_is_one_clear_message(capfd, arguments, message):
     done = run(capfd, "plan", PLANT, *arguments)
     assert done.status == 2 and message in done.err and done.out == ""
+
+
+def test_without_a_home_nothing_is_kept(capfd, tmp_path, monkeypatch):
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setattr("os.path.expanduser", lambda path: path)  # as for a user that the system does not know
+    rows = "".join(f"2026-03-01 00:{k // 60:02}:{k % 60:02},50,{50 + k % 7},40\n" for k in range(600))
+    (tmp_path / "p.csv").write_text("time,F1.SP,F1.PV,F1.OP\n" + rows)
+    monkeypatch.chdir(tmp_path)
+    done = run(capfd, "plan", "p.csv", "--jobs", 1)
+    assert done.status == 0 and "1 of 1 loop undecided" in done.out and not (tmp_path / "~").exists()

@@ -298,6 +298,13 @@ def test_an_export_may_be_called_as_settings_are(tmp_path):
     assert [record.loop for record in plant] == [*RANGES] and "no_metadata" in {note.code for note in plant.warnings}
 
 
+@pytest.mark.parametrize("above", ["", "# of unit 7\n\n# tuned in May\n"])
+def test_settings_given_as_an_export_are_called_so(tmp_path, above):
+    (tmp_path / "plant.toml").write_text(above + SETTINGS)
+    with pytest.raises(BacklashError, match=r"this is a file of loop settings.* --loops"):
+        read(tmp_path / "plant.toml")
+
+
 def test_a_column_of_loops_without_a_cell_names_no_loop(tmp_path):
     text = single("FIC101").replace("\n", "\n,")[:-1].replace("Time", "Loop,Time", 1)
     (tmp_path / "FIC101.csv").write_text(text, encoding="utf-8")

@@ -106,3 +106,12 @@ def test_a_quality_of_no_signal_is_told(tmp_path):
         f"{signals(k)},{'Bad' if k == 110 else 'Good'}")))
     assert plant["FIC101"].usable.all()
     assert ["'TI5.Quality'" in note.message for note in plant.warnings if note.code == "quality_unused"] == [True]
+
+
+def test_faults_in_a_column_of_any_name_are_bad_samples(tmp_path):
+    words = {110: "Bad Input", 111: "Comm Fail", 112: "I/O Timeout"}
+    rows = [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d},FIC101.{role},{value},{words.get(k, '') if role == 'PV' else ''}"
+            for k in range(300) for role, value in zip(("SP", "PV", "OP"), signals(k).split(","), strict=True)]
+    (tmp_path / "plant.csv").write_text("\n".join(["time,tag,value,bad_reason", *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.index[record.state != SampleState.GOOD].tolist() == [*words]
