@@ -22,7 +22,7 @@ QUIET_SHARE = 0.25  # of the record: a signal without noise must stand still thi
 STANDINS = (-32768.0, 32767.0, 65535.0, *(sign * ten - sign for ten in (1e3, 1e4, 1e5, 1e6) for sign in (-1.0, 1.0)))
 LARGEST = 1e29  # no plant measures more
 CONVERTED = 3.0  # times larger or smaller: another unit, no other state of the plant
-LOOK, ON_A_LINE = 256, 0.999  # samples at each place, and correlation, of an output that is PV in another unit
+LOOK, ALIKE = 256, 0.999  # samples at each place, and correlation, of an output that is PV in another unit
 PASTED, REPEATED = 32, 0.2  # samples that no noise makes twice; share of a record from which on this is told
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
@@ -156,10 +156,9 @@ def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
 def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
-    some = values[::11]  # shows it as well; a prime number, so that no pattern hides
-    if not np.any(np.maximum(some[1:], some[:-1]) > CONVERTED / 1.5 * np.minimum(some[1:], some[:-1])):
-        return 0, 0
     least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
+    if 0.0 < most < CONVERTED * least:
+        return 0, 0
     sizes = values if least > 0.0 else values[values > 0.0]
     small = sizes * CONVERTED <= most  # one of the two is: few, as a rule
     far = np.flatnonzero(small[1:] | small[:-1])
@@ -178,7 +177,7 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
 
 
-def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
+def pasted(values: FloatArray) -> NDArray[np.bool_] | None:
     """(samples,) True where a measurement with noise is, number by number, what it was before, as in data pasted twice;
     None where a look at two places shows nothing of it."""
     n, lags = len(values), Counter[int]()
@@ -186,7 +185,8 @@ def repeats(values: FloatArray) -> NDArray[np.bool_] | None:
         look = values[at : at + PASTED]
         if np.count_nonzero(np.diff(np.sign(np.diff(look)))) < PASTED // 4 or len({*look.tolist()}) < PASTED // 2:
             continue  # without noise: a cycle may repeat itself
-        same = np.flatnonzero(values[(top := int(look.argmax())) : n - PASTED + 1 + top] == look[top])  # the rarest
+        top = int(look.argmax())  # the rarest sample: few others are alike
+        same = np.flatnonzero(values[top : n - PASTED + 1 + top] == look[top])
         same = same[(values[same[:, None] + np.arange(PASTED)] == look).all(axis=1)]
         lags.update(np.abs(same[same != at] - at).tolist())
     lag = max(lags, key=lags.__getitem__, default=n)
@@ -198,10 +198,10 @@ def is_copy(output: FloatArray, measurement: FloatArray) -> bool:
     """Say whether an output is the measurement in another unit: they lie on one line, and so do their changes, in a
     look at some places. A controller answers the changes of PV, and not its level, in such a way."""
     places = np.array([[0], [1], [3]]) * len(output) // 4 + np.arange(min(LOOK, len(output) // 4))
-    both = np.stack([output[places], measurement[places]])
-    both = both[:, np.isfinite(both).all(axis=(0, 2))]
-    return both[..., 1:].size > 0 and all(a @ b > ON_A_LINE * float(a @ a * (b @ b)) ** 0.5 for a, b in (
-        x - x.mean(axis=1, keepdims=True) for x in (np.diff(both).reshape(2, -1), both.reshape(2, -1))))
+    two = np.stack([output[places], measurement[places]])
+    two = two[:, np.isfinite(two).all(axis=(0, 2))]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return two[..., 1:].size > 2 and all(np.corrcoef(x.reshape(2, -1)).min() > ALIKE for x in (np.diff(two), two))
 
 
 STRANGE = ("apart", "copied", "mirrored")  # not the signals of one loop
@@ -234,7 +234,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
     missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - pv)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
-             "mirrored": mirrored, "wild": wild, "filled": filled, "repeated": repeats(pv), "frozen": frozen(y),
+             "mirrored": mirrored, "wild": wild, "filled": filled, "repeated": pasted(pv), "frozen": frozen(y),
              "lost": missing & wild, "missing": missing & ~wild, "interpolated": interpolated,
              "saturated": None if op is None else saturated(op, off),
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}

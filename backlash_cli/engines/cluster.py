@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from .._version import __version__
 from ..errors import BacklashError, UsageError
 from ..record import Note
-from ..words import explained
+from ..words import explained, noted
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -162,10 +162,10 @@ def on_cluster(client: Client, items: Sequence[Item], work: Callable[[Item], Res
             del waiting[0]
             if isinstance(outcome, BacklashError):
                 raise outcome
-            died = type(outcome).__name__ == "KilledWorker"
-            yield outcome if not isinstance(outcome, Exception) else lost(item, Note("process_died" if died else
-                "internal_error", "its worker was killed every time, perhaps for lack of memory" if died else
-                f"its worker failed: {_said(outcome)}"))
+            if isinstance(outcome, Exception):
+                code = "process_died:worker" if type(outcome).__name__ == "KilledWorker" else "internal_error:worker"
+                outcome = lost(item, noted(code, problem=_said(outcome)))
+            yield outcome
     finally:
         if waiting:
             client.cancel(waiting, force=True)

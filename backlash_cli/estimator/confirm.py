@@ -213,7 +213,7 @@ def _confirmation(s: Study) -> Confirmation:
     for a, test in zip(best, tests, strict=True):  # a size that another block length does not share is known less well
         if a.net.max() > 0.0:
             low, high = min(low, peak_of(grid, test.gain)), max(high, peak_of(grid, test.gain))
-    # OP turned between samples, half a step [%] further out at either end, where the controller is surely faster
+    # so much narrower [%] it looks: OP turned between samples, half a step further out, where the controller is faster
     steps = np.concatenate([np.abs(np.diff(r.output))[r.usable[1:]] for r in s.recordings])
     unseen = float(steps.mean()) * min(1.0, COARSE * s.interval / s.Ti)
     d, high = d + unseen, high + 2.0 * unseen

@@ -68,11 +68,8 @@ class History(contextlib.AbstractContextManager["History"]):
                     self.db.execute(f"PRAGMA user_version = {len(STEPS)}")
             opening.pop_all()
 
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
+    def __exit__(self, *error: object) -> None:
         self.db.close()
-        if isinstance(error, (msgspec.ValidationError, json.JSONDecodeError)):  # of a row that it holds
-            what, _, remedy = WORDS["history"]["SQLITE_CORRUPT"].rpartition(" -> ")
-            raise BacklashError(f"{what} ({error})", where=str(self.path), remedy=remedy) from None
 
     def add(self, *results: ScanResult, export: tuple[str, str] | None = None) -> dict[str, list[Any]]:
         """Store scans at once: all of them are in the file afterwards, or none; nights that are known with the same
@@ -117,7 +114,8 @@ class History(contextlib.AbstractContextManager["History"]):
 
     def nights(self, loop: str) -> list[Night]:
         """Return the nights of a loop in time order; an export inside a longer one is left out."""
-        return [night_of(row) for row in self._nights(loop)]
+        with self._in_words():
+            return [night_of(row) for row in self._nights(loop)]
 
     def _nights(self, loop: str) -> list[dict[str, Any]]:
         rows = {(row["start"], row["end"]): row for row in self.rows("SELECT * FROM nights WHERE loop = ?", [loop])}
@@ -127,30 +125,32 @@ class History(contextlib.AbstractContextManager["History"]):
         """Return the half periods of a loop in time order, each moment once, joined where nights meet.
 
         days: only of nights that end within so many days before the last."""
-        rows = self._nights(loop)
-        since = max((row["end"] for row in rows), default=0.0) - days * DAY
-        found: list[Estimate] = []
-        before: tuple[Carry, float] | None = None
-        for row in rows[max(sum(row["end"] <= since for row in rows) - 1, 0) :]:
-            own = self.rows(f"SELECT * FROM half_periods {OF_NIGHT}", row)
-            if row["carry"] is None:
-                before = None
-            else:
-                carry, settings = unpack(row["carry"]), msgspec.convert(row["settings"], LoopSettings)
-                start = row["start"] - float(carry.head[0][0]) * carry.interval
-                if before is not None:  # those that go over the cut take the place of the night's own
-                    halves, until, tail = join(*before, carry, start, settings)
-                    own = [*(r for r in own if r["start"] >= until - 0.002),
-                           *(half_period_row(row, replace(e, joined=True)) for e in halves)]
-                    carry = replace(carry, tail=tail or carry.tail)
-                before = carry, start
-            if row["end"] > since:
-                found += msgspec.convert(own, list[Estimate], strict=False)
-        return distinct(found)
+        with self._in_words():
+            rows = self._nights(loop)
+            since = max((row["end"] for row in rows), default=0.0) - days * DAY
+            found: list[Estimate] = []
+            before: tuple[Carry, float] | None = None
+            for row in rows[max(sum(row["end"] <= since for row in rows) - 1, 0) :]:
+                own = self.rows(f"SELECT * FROM half_periods {OF_NIGHT}", row)
+                if row["carry"] is None:
+                    before = None
+                else:
+                    carry, settings = unpack(row["carry"]), msgspec.convert(row["settings"], LoopSettings)
+                    start = row["start"] - float(carry.head[0][0]) * carry.interval
+                    if before is not None:  # those that go over the cut take the place of the night's own
+                        halves, until, tail = join(*before, carry, start, settings)
+                        own = [*(r for r in own if r["start"] >= until - 0.002),
+                               *(half_period_row(row, replace(e, joined=True)) for e in halves)]
+                        carry = replace(carry, tail=tail or carry.tail)
+                    before = carry, start
+                if row["end"] > since:
+                    found += msgspec.convert(own, list[Estimate], strict=False)
+            return distinct(found)
 
     def repairs(self, loop: str) -> list[Repair]:
         """Return the repairs that people marked for a loop, in time order."""
-        return msgspec.convert(self.rows("SELECT * FROM repairs WHERE loop = ? ORDER BY time", [loop]), list[Repair])
+        with self._in_words():
+            return msgspec.convert(self.rows("SELECT * FROM repairs WHERE loop=? ORDER BY time", [loop]), list[Repair])
 
     def mark_repair(self, loop: str, time: float, note: str) -> bool:
         """Enter a repair of a loop's valve at `time` (epoch seconds); False when it is already there like this."""
@@ -216,8 +216,8 @@ class History(contextlib.AbstractContextManager["History"]):
         """Turn the database's errors into messages that say what to do."""
         try:
             yield
-        except sqlite3.Error as error:
-            name = getattr(error, "sqlite_errorname", "")
+        except (sqlite3.Error, msgspec.ValidationError, json.JSONDecodeError) as error:  # the others: of a row
+            name = getattr(error, "sqlite_errorname", "" if isinstance(error, sqlite3.Error) else "SQLITE_CORRUPT")
             known = next((words for kind, words in WORDS["history"].items() if name.startswith(kind)),
                          f"the history cannot be used: {error} -> restore it from a backup, or move it away")
             what, _, remedy = known.rpartition(" -> ")

@@ -165,7 +165,7 @@ def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
 def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     """The number and the unit of a text, nan for one that is no good number. comma: is its decimal sign."""
     text = text.replace("\u2212", "-")
-    minus = re.fullmatch(r"\(([^()]+)\)|([^-].*?) *-", text) if len(text) <= 60 else None  # (12.5), 12.5- of business
+    minus = re.fullmatch(r"\(([^()]+)\)|([^-].*?) *-", text) if len(text) <= 60 else None  # as (12.5) and 12.5-
     text = f"-{minus[1] or minus[2]}" if minus else text
     match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
     unit = (match[2] or "").strip() if match else ""

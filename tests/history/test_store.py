@@ -1,6 +1,7 @@
 """The history file: the same content whatever the order, however often, and wherever a run was killed."""
 
 import itertools
+import json
 import random
 import sqlite3
 from dataclasses import replace
@@ -262,3 +263,8 @@ def test_every_error_of_the_database_is_told_in_words(tmp_path, name, code, says
         with pytest.raises(BacklashError, match=says) as found, history._in_words():
             raise error
         assert found.value.code == code and found.value.remedy
+
+
+def test_an_error_of_what_is_done_with_a_history_is_no_damage_of_it(tmp_path):
+    with pytest.raises(json.JSONDecodeError), History(tmp_path / "h.db", create=True):
+        json.loads("no JSON")

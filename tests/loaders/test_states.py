@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from backlash_cli.loaders import read
 from backlash_cli.record import runs
-from backlash_cli.samples import frozen, is_copy, judged, repeats, saturated, short_holes
+from backlash_cli.samples import frozen, is_copy, judged, pasted, saturated, short_holes
 
 
 @settings(max_examples=100, deadline=None)
@@ -104,14 +104,14 @@ NOISE = 50.0 + np.cumsum(DRIFT) + FAST
 @pytest.mark.parametrize("values", [np.tile(NOISE[:2000], 2), np.tile(NOISE[:700], 6), np.tile(np.round(NOISE, 2), 3)])
 def test_a_measurement_pasted_again_is_told_where_it_comes_again(values):
     lag = {4000: 2000, 4200: 700, 12_000: 4000}[len(values)]
-    assert np.array_equal(np.flatnonzero(repeats(values)), np.arange(lag, len(values)))
+    assert np.array_equal(np.flatnonzero(pasted(values)), np.arange(lag, len(values)))
 
 
 @pytest.mark.parametrize("values", [
     NOISE, np.round(NOISE), np.full(4000, 7.0), np.sin(2 * np.pi * np.arange(4000) / 100),  # a cycle repeats itself
     np.append(NOISE, NOISE[:500]), np.full(4000, np.nan), NOISE[:100]])
 def test_other_measurements_are_no_repetition(values):
-    assert repeats(values) is None
+    assert pasted(values) is None
 
 
 @pytest.mark.parametrize("samples", range(12))
