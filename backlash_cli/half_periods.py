@@ -151,7 +151,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     small = complete & ((area[:-1] < least[0]) | (end - begin[:-1] < least[1]))
     kept = np.flatnonzero((direction != 0) & ~small)
     # only of those that are kept, and of the one left open: what lies between two of them is one piece for `reduceat`
-    cuts, size[0] = np.append(np.stack([firsts[kept], firsts[kept + 1]], axis=1), firsts[-1]), o.e_max
+    cuts, size[0] = np.append(firsts[kept[:, None] + [0, 1]], firsts[-1]), o.e_max
     peak, moved = np.maximum.reduceat(size, cuts)[::2], np.where(cuts[::2] == 0, o.move, 0.0)
     if (setpoint != o.last_setpoint).any():
         steps = np.abs(np.diff(setpoint, prepend=o.last_setpoint))

@@ -145,7 +145,7 @@ class Record(Frozen, eq=False):
     @property
     def usable(self) -> NDArray[np.bool_]:
         """(samples,) True where a sample may enter an estimate."""
-        return self.state <= SampleState.FILLED
+        return self.state <= SampleState.FILLED.value  # beside no plain number they would become 64 bits wide
 
     def slice(self, first: int, last: int) -> Self:
         """Return samples first..last-1 as a block of the same loop (same start and interval)."""

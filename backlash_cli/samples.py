@@ -160,9 +160,8 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     if 0.0 < most < CONVERTED * least:
         return 0, 0
     sizes = values if least > 0.0 else values[values > 0.0]
-    small = sizes * CONVERTED <= most  # one of the two is: few, as a rule
-    far = np.flatnonzero(small[1:] | small[:-1])
-    far = far[np.maximum(sizes[far], sizes[far + 1]) >= CONVERTED * np.minimum(sizes[far], sizes[far + 1])]
+    large = CONVERTED * sizes
+    far = np.flatnonzero((sizes[1:] >= large[:-1]) | (sizes[:-1] >= large[1:]))
     if len(sizes) < 100 or not len(far):
         return 0, 0
     steps = np.abs(np.log(sizes[far + 1] / sizes[far]))

@@ -31,7 +31,7 @@ from .sources import day_of, is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
 
-CHUNK, BLOCK, SAMPLE = 1 << 17, 4 << 20, 64 << 10  # bytes: read at once, handed on at once, that tell the encoding
+CHUNK, SAMPLE, BLOCK, ROWS = 1 << 17, 64 << 10, 4 << 20, 2000  # bytes: read, to know the code, in a block; its rows
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
@@ -50,7 +50,7 @@ WORKBOOKS = (".xlsx", ".xlsm")
 _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
               for test, *changes in WORDS["lines"]["rewritten"]]
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
-_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?\d{1,4}[-/.:]\d\d?[-/.:]\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
+_ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?(?:\d{1,4}[-/.:]\d\d?[-/.:]|\d{9})\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
@@ -151,7 +151,7 @@ class Text:
 
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
-    """Yield text in blocks of whole lines; a line longer than a block is one block."""
+    """Yield text in blocks of whole lines, larger ones of long lines: of few rows at once each column costs as much."""
     block, enough = bytearray(), BLOCK
     for piece in pieces:
         block += piece
@@ -162,11 +162,11 @@ def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
         begin = block.rfind(b'"', 0, last)
         if block.count(b'"', 0, begin + 1) % 2:  # within a quoted cell, unless quotes never end
             last = block.rfind(end, 0, begin) if block.count(end, begin, last) < 200 else last
-        rest = block[last + 1 :]
+        rest, line = block[last + 1 :], last - block.rfind(end, 0, last)
         del block[last + 1 :]
         if block:
             yield block
-        block, enough = rest, max(BLOCK, 2 * len(rest))
+        block, enough = rest, max(BLOCK, 2 * len(rest), min(ROWS * line, 4 * BLOCK))
     if block:
         yield block
 

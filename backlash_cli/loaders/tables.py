@@ -112,10 +112,10 @@ class TextTable:
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
         threads = types is not None and pa.cpu_count() > 1  # the first rows are few
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(1 << (
-            19 if threads else 20), len(block) * (len(block) > 8 << 20)))  # of lines that are longer
-        parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=b'"' in block,
-                                      invalid_row_handler=on_bad_row)
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(
+            1 << 20, len(block) // 2 + 1, block.find(b"\n") + 1))  # two of them, each with the end of a line
+        parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=(quoted := b'"' in block),
+                                      quote_char=quoted and '"', invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
             quoted_strings_can_be_null=True, strings_can_be_null=True, auto_dict_encode=True,
             auto_dict_max_cardinality=4096, true_values=["\x00"], false_values=["\x00"], **chosen)

@@ -473,3 +473,32 @@ def test_any_moment_of_a_parquet_gives_what_a_text_gives(tmp_path, since):
     pa_parquet.write_table(pa_csv.read_csv(source), tmp_path / "plant.parquet", row_group_size=300)
     a, b = (read(path, options=ReadOptions(since=since)) for path in (source, tmp_path / "plant.parquet"))
     assert_same(a, Plant(b.records, b.warnings, b.failures, a.inputs))
+
+
+def test_a_header_again_among_epochs_and_blank_tags_begins_no_other_table(tmp_path):
+    lines = ["tag,time,value", *(f"{loop}.{role},{1792886400 + k},{0.4 + 0.01 * (k % 7):.2f}" for k in range(30)
+                                 for loop in "AB" for role in ("SP", "PV", "OP"))]
+    lines[11], lines[90] = (line[line.index(",") :] for line in (lines[11], lines[90]))
+    (tmp_path / "plant.csv").write_text("\n".join([*lines[:13], lines[0], *lines[13:]]))
+    plant = read(tmp_path / "plant.csv")
+    assert [(loop.loop, len(loop)) for loop in plant] == [("A", 30), ("B", 30)]
+    assert not plant.failures and "passed_over" not in {note.code for note in plant.warnings}
+
+
+@pytest.mark.parametrize("end", ["\n", ""])
+@pytest.mark.parametrize("place", [0, 100, 30_000, 59_999])
+def test_a_line_longer_than_what_is_parsed_at_once(tmp_path, place, end):
+    lines = [f"2026-03-17 {k // 3600:02d}:{k // 60 % 60:02d}:{k % 60:02d},50,{50 + k % 7 / 10},{40 + k % 11}," for k in
+             range(60_000)]
+    lines[place] += 3_000_000 * "x"
+    (tmp_path / "plant.csv").write_text("\n".join(["time,FIC101.SP,FIC101.PV,FIC101.OP,Remark", *lines]) + end)
+    (loop,) = read(tmp_path / "plant.csv")
+    assert np.array_equal(loop.index, np.arange(60_000))
+
+
+def test_blocks_of_long_lines_hold_more_of_them(monkeypatch):
+    monkeypatch.setattr(opening, "BLOCK", 1 << 16)
+    for line, rows in ((100, 2000), (1000, 262), (10_000, 26)):
+        blocks = [*opening.lines_together([(line - 1) * b"x" + b"\n"] * 4000)]
+        counts = [block.count(b"\n") for block in blocks]
+        assert sum(counts) == 4000 and rows <= counts[1] <= 2 + rows, (line, counts[:3])
