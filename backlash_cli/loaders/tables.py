@@ -175,11 +175,11 @@ class ParquetTable:
         alone = len(tell) == 1 and pa.types.is_timestamp(tell.types[0])  # its type says all
         begun = pa.Table.from_batches([*islice(file.iter_batches(HEAD_ROWS, columns=tell.names), not alone)],
                                       tell if alone else None).flatten()
-        first = [begun[f.name] if f.name in begun.column_names else pa.chunked_array([], f.type) for f in fields]
+        first = {f.name: pa.chunked_array([], f.type) for f in fields} | {c: begun[c] for c in begun.column_names}
         words = [[word for word in codes_and_words(c.slice(0, 50))[1] if word.strip()] if is_text(c.type) else []
-                 for c in first]
+                 for c in first.values()]
         kinds = tuple(Counter(map(kind, own)).most_common(1)[0][0] if own else "" for own in words)
-        self.head = Head(self.where, stem, tuple(self._names), tuple(first), kinds, home, decimal_sign(
+        self.head = Head(self.where, stem, tuple(self._names), tuple(first.values()), kinds, home, decimal_sign(
             [word for own in words for word in own if kind(word) == "number"], "."))
         self.decimal, self.notes, self.named_again = self.head.decimal, list[Note](), False
 

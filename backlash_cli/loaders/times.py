@@ -77,12 +77,12 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     half = _looked_up(fields.field("ap"), lambda text: "ap".find(text[:1].lower()) if text else -1)
     hour = np.where((half == 1) & (hour < 12), hour + 12, np.where((half == 0) & (hour == 12), 0, hour))
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
-    offset = _looked_up(fields.field("z"), _minutes_east)
-    bad = (hour > 24) | (minute > 59) | (second > 60) | (offset == NAT)
+    offset, undated = _looked_up(fields.field("z"), _minutes_east), fields.type.get_field_index("a") < 0
+    bad = (hour > (999 if undated else 24)) | (minute > 59) | (second > 60) | (offset == NAT)  # 999: since a start
     minutes = hour * 60 + minute - np.where(bad, 0, offset)
     clock = (minutes * 60 + second) * SECOND + to_array(fraction.cast(pa.int64()))
     zoned = to_array(pc.not_equal(pc.fill_null(fields.field("z"), ""), ""))
-    if fields.type.get_field_index("a") < 0:
+    if undated:
         return np.where(bad, NAT, clock), zoned
     a, b, c = (_looked_up(fields.field(name), _whole_or_month) for name in "abc")
     year_first, month_first = a >= 1000, a < 0
@@ -303,7 +303,7 @@ class StampReader:
         forward = 2 * np.count_nonzero(steps < 0) <= len(steps)  # else the newest stand first
         out[known] += (last // DAY + np.cumsum(steps < -DAY // 2 if forward else -1 * (steps > DAY // 2))) * DAY
         self._zones |= {False if self._start else None} if len(known) else set()
-        self._of_day = int(out[known[-1]]) if len(known) else last
+        self._of_day = int(out[known[-1]] - max(micros[known[-1]] - 1, 0) // DAY * DAY) if len(known) else last
         return out
 
     def _texts(self, column: pa.ChunkedArray | pa.Array) -> IntArray:

@@ -292,6 +292,17 @@ def test_times_of_day_over_midnight_newest_first(tmp_path):
         assert {note.code for note in other.notes} - {note.code for note in one.notes} == {"unsorted"}
 
 
+@pytest.mark.parametrize("block", [1 << 12, 1 << 22])
+@pytest.mark.parametrize(("above", "start"), [("", 0.0), ("Date: 2026-03-17\n\n", 1773705600.0)])
+def test_hours_since_a_start_go_on_beyond_a_day(tmp_path, monkeypatch, above, start, block):
+    monkeypatch.setattr("backlash_cli.loaders.opening.BLOCK", block)
+    monkeypatch.setattr("backlash_cli.loaders.opening.CHUNK", 1 << 10)
+    rows = [f"{k // 6:02d}:{k % 6}0:00,50,{50 + k % 7 / 10},{40 + k % 11}" for k in range(800)]
+    (tmp_path / "plant.csv").write_text("\n".join([f"{above}Time,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.start == start and record.interval == 600.0 and np.array_equal(record.index, np.arange(800))
+
+
 def test_an_export_may_be_called_as_settings_are(tmp_path):
     (tmp_path / "loops.csv").write_text(wide(), encoding="utf-8")
     plant = read(tmp_path / "loops.csv")
