@@ -15,13 +15,13 @@ from ..record import FloatArray, Frozen, IntArray
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
 _NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
-_UNITED = re.compile(r"^([+-]?(?:\d[\d.,'’ \u00a0\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$", re.DOTALL)
+_UNITED = re.compile(r"(?s)^([+-]?(?:\d[\d.,'’ \u00a0\u2009\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$")
 # With the point as decimal sign: groups of three digits between separators of one kind; 1,25,300 as in India.
-_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})"
+_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u2009\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})"
                       r"(?:\.\d*)?(?:[eE][+-]?\d+)?$")
-_SEPARATED = re.compile(r"[,'’ \u00a0\u202f]")
+_SEPARATED = re.compile(r"[,'’ \u00a0\u2009\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
-_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$"
+_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?*]+$|^#"
                    r"|^\.?#(?:INF|\w*NAN|IND)|^\S{0,4}\s?[+-]\d|10\^|^[-:] ", re.IGNORECASE)
 # behind a number it is none (1.#QNAN), or a power of ten (3.7x10^+02), or a state (1 - Auto)
 _CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement

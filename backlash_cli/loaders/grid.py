@@ -276,9 +276,7 @@ def _plan(stamps: IntArray) -> Grid:
         near = steps[steps <= 10 * middle]
         step = _nice(near.mean() / np.floor(near / spacing + 2.0 - JITTER[1]).clip(1.0).mean())
         return Grid(start, step, "jitter", (MAX_HOLE + 1.5) * step)
-    base = int(np.gcd.reduce(values))
-    if base < middle / MAX_GROWTH:
-        base = _nice(low)
+    base = fine if (fine := int(np.gcd.reduce(values))) >= middle / MAX_GROWTH else _nice(low)
     gap = max(GAP_FACTOR * high, (MAX_HOLE + 1.5) * base)
     if steps[steps <= gap].sum(dtype=float) / base > MAX_GROWTH * len(stamps):
         raise LoopError(**explained("irregular", least=base / SECOND, most=values[-1] / SECOND))

@@ -151,7 +151,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind == "pairs":
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
-    texts = [i for i in head.texts if i not in used]
+    texts = [i for i in head.texts if i not in used and head.plain[i] not in VALUE]
     named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS or i in head.loops), key=lambda i: (
         head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
@@ -159,7 +159,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
               and not head.is_time(i)]
-    named = [i for i in values if head.plain[i] in VALUE]
+    named = sorted((i for i in values if head.plain[i] in VALUE), key=head.texts.__contains__)  # numbers first
     single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):
         return Layout(kind, (stamps,), tuple(values), naming, _quality_beside(head, values))
@@ -178,13 +178,14 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
 
 
 def _recognise(head: Head) -> str:
-    texts = [i for i in head.texts if i not in head.times]
+    texts = [i for i in head.texts if i not in head.times and head.plain[i] not in VALUE]
     alone = {"pv"} < {tag.role for tag in head.tags if tag.role in SIGNALS and not tag.loop}  # else a word for values
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if {*head.loops} - {*head.times} else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
-    if len(head.times) >= 2 and (followed or _leading(head)) and not any(head.kinds[i] == "clock" for i in head.times):
+    alike = len({(head.is_time(i), head.kinds[i] == "clock") for i in head.times}) == 1  # or stamps, and a counter
+    if len(head.times) >= 2 and (followed or _leading(head)) and alike and head.kinds[head.times[0]] != "clock":
         return "pairs"
     return "long" if head.times and not wide and (head.ids or name_columns(head, texts)) else "wide"
 

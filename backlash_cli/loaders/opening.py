@@ -54,6 +54,7 @@ _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?(?:\d{1,4}[-/.:]\d\d?[-/.:]|\d{9}
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
 JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
+_HERTZ = re.compile(r"(?i)(?=.*[1-9])(\d+(?:\.\d+)?) *(Hz)?")
 Line = tuple[int, int, str]
 
 
@@ -313,14 +314,14 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
-             in (*pairwise(row), *(cell.partition(":")[::2] for cell in row))]
+             in (*pairwise(row), *(cell.replace("=", ":").partition(":")[::2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
         found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
     # lines above, or a column, name the zone: as if the header did
     zone = next((c for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "").strip()
-    zone = f" ({'UTC' * zone.startswith(('+', '-'))}{zone})" * (len(zone.split()) == 1)
+    zone = f" ({'UTC' * (zone[:1] in '+-')}{zone})" * bool(re.fullmatch(r"[+-][\d:]+|\w+[/+-]\S+|[A-Z]{2,5}", zone))
     names = tuple(n + zone * (is_column(n, "time") and n[-1] not in ")]") for n in names)
     return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
@@ -342,10 +343,11 @@ def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadO
 
 def _interval_of(above: list[tuple[str, str]]) -> int:
     """The time [microseconds] between rows that lines above name, as Sample interval: 2 s, or SampleTime[ms]; or 0."""
-    for name, cell in above:
+    for name, cell in ((n, c) for n, c in above if plain(n) in COLUMNS["interval"]):
+        if (hertz := _HERTZ.fullmatch(cell)) and (hertz[2] or re.search(r"(?i)(rate|freq\w*)\s*([(\[]Hz.)?$", name)):
+            return round(1e6 / float(hertz[1]))
         with contextlib.suppress(InputError):
-            if plain(name) in COLUMNS["interval"]:
-                return max(int(StampReader([name], ReadOptions(), "").take([pa.array([cell])])[0]), 0)
+            return max(int(StampReader([name], ReadOptions(), "").take([pa.array([cell])])[0]), 0)
     return 0
 
 
@@ -453,7 +455,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
     """Put tags in the place of a header's short names where lines before say so: A;FIC101.SP;Feed, Pen 1: FIC101.SP."""
-    rows = (cells if len(cells) > 1 else cells[0].split(":", 1) for cells in before.values())
+    rows = (cells if len(cells) > 1 else re.split("[:=]", cells[0], maxsplit=1) for cells in before.values())
     told = {cells[0].strip(" #"): tag for cells in rows if not is_whole(cells[0]) and (
         tag := min((cell for cell in cells[1:] if is_whole(cell)), key=lambda cell: " " in cell, default=""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
@@ -486,15 +488,15 @@ def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[st
     merged = names.count("") > max(len(names) / 3, other.count(""))  # SP, PV, OP, each above all loops
     high, low = (names, other) if merged or score_names(names) < score_names(other) else (other, names)
     tags = [word for word in low if is_whole(word)]
-    enough = {*tags} if len({*tags}) == len(tags) else set()  # tags below the channels of a recorder say it all
+    enough = {*tags, ""} if len({*tags}) == len(tags) > 0 else set()  # tags below the channels of a recorder say it all
     result, upper = [], ""
     for cell, word, kind, before in zip(high, low, kinds, ["", *low[:-1]], strict=True):
         unit = is_column(before, "time") and is_column(word, "value") and is_whole(upper) and not is_whole(cell)
         upper = upper if unit else cell or (upper if word or kind != "empty" else "")
         tag = split_tag(upper)
         part = bool(word) and not is_column(word, "value") and (  # below a whole tag a unit may stand
-            not (tag.loop and tag.role) or is_column(word, "time", "quality", "statistic"))
-        result.append(word if word in enough else f"{upper}.{word}" if upper and part else upper or word)
+            not (tag.loop and tag.role) or is_column(word, "time", "quality", "statistic", "units"))
+        result.append(word if (word or cell) in enough else f"{upper}.{word}" if upper and part else upper or word)
     return result
 
 

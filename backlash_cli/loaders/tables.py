@@ -373,8 +373,7 @@ def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], he
             for i in (i for i in layout.values if not tall or i not in unread):
                 name = f"{tag}.{head.names[i]}" if tall else f"{head.stem}.{tag}" if signal_role(tag) else tag
                 one, role = of_tag(head, layout, name, i), "mode" if i in modes else signal_role(head.names[i])
-                one = replace(one, loop=tag, signal=head.names[i], role=role) if tall else one
-                found.append(replace(one, axis=own))
+                found += [replace(replace(one, loop=tag, signal=head.names[i], role=role) if tall else one, axis=own)]
     return found
 
 

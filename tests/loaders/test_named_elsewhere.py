@@ -17,9 +17,10 @@ from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 
 from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
-from .test_layouts import comma, same_recording, seconds
+from .test_layouts import NEAR, comma, pairs, same_recording, seconds
 from .test_more_layouts import packed, renamed, row
 
+ATTRIBUTES = {"SP": "Setpoint", "PV": "Process Value", "OP": "Controller Output"}
 SHORT = dict(zip("ABCDEF", SIGNALS, strict=True))
 HALVES = {f"{day:%Y-%m-%d}": [i for i, t in enumerate(STAMPS) if t.date() == day] for day in dict.fromkeys(t.date() for t in STAMPS)}
 
@@ -57,6 +58,27 @@ EXPORTS = {
     "numbered_parts_in_folders": Export({f"area/{loop}/values_{k}.csv": single(loop, rows) for loop in RANGES for k, rows in enumerate(HALVES.values(), 1)}, inputs=("area",)),
     "annotations_above_each_table": Export({"plant.csv": "".join("#group,false,false,false,true,true,false,false,false\n#datatype,string,long,dateTime:RFC3339,string,string,double,double,double\n#default,_result,,,,,,,\n,result,table,_time,_measurement,loop,op,pv,sp\n"
         + "".join(f",,{k},{iso(STAMPS[i])}Z,pid,{loop},{row(loop, i)}\n" for i in range(ROWS)) + "\n" for k, loop in enumerate(RANGES))}),
+    "zone_in_round_brackets": Export({"plant.csv": wide(lambda t: f"{t + timedelta(hours=1):%d.%m.%Y %H:%M:%S} (UTC+01:00)")}),
+    "short_zone_in_round_brackets": Export({"plant.csv": wide(lambda t: f"{t + timedelta(hours=1):%Y-%m-%d %H:%M:%S} (CET)")}),
+    "offset_in_square_brackets": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=1))} [+01:00]")}),
+    "zone_in_brackets_behind_an_offset": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=1))}+01:00 (CET)")}),
+    "zone_in_a_column": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=1))},MEZ", time_name="Zeit,Zone")}),
+    "area_in_a_column_called_zone": Export({"plant.csv": wide(lambda t: f"{iso(t)},h", time_name="Time,Zone")}),
+    "clock_before_the_name_of_a_month": Export({"plant.csv": wide(lambda t: f"{t:%H:%M:%S %d-%b-%Y}")}),
+    "half_of_the_day_before_the_date": Export({"plant.csv": wide(lambda t: f"{t:%I:%M:%S %p %m/%d/%Y}")}),
+    "no_blank_before_a_chinese_clock": Export({"plant.csv": wide(lambda t: f"{t:%Y年%m月%d日%H:%M:%S}", time_name="时间")}),
+    "hungarian_months": Export({"plant.csv": wide(lambda t: f"{t.year}. március {t.day}. {t:%H:%M:%S}", time_name="Időpont")}),
+    "counter_and_batch_beside_the_time": Export({"plant.csv": wide(lambda t: f"{iso(t)},4711,{(t - STAMPS[0]).seconds + 1}", time_name="Time,Batch,Index")}),
+    "elapsed_beside_the_time": Export({"plant.csv": wide(lambda t: f"{iso(t)},4711,{(t - STAMPS[0]).seconds / 60:.4f}", time_name="Time,Batch,Elapsed Time (min)")}),
+    "descriptions_below_tags_of_pairs": Export({"plant.csv": pairs(",".join(f"{t}," for t in SIGNALS) + "\n" + ",".join(f"{t[-2:]} of feed {t[:3]}," for t in SIGNALS))}, **NEAR),
+    "units_below_tags_of_pairs": Export({"plant.csv": pairs(",".join(f"{t}," for t in SIGNALS) + "\n" + ",".join("m3/h," for t in SIGNALS))}, **NEAR),
+    "units_and_qualities_of_pairs": Export({"plant.csv": ";".join(f"{n};;;" for n in SIGNALS) + "\n" + ";".join("Zeit;Wert;Einheit;Qualität" for _ in SIGNALS) + "\n" + "".join(
+        ";".join(f"{t:%d.%m.%Y %H:%M:%S};{comma(n, v[i])};%;gut" for n, v in SIGNALS.items()) + "\n" for i, t in enumerate(STAMPS))}),
+    "attributes_of_elements": Export({"plant.csv": long(lambda n, t, v: f"Plant\\{n[:6]};{ATTRIBUTES[n[-2:]]};{iso(t)}Z;{v};%;True", "Path;Attribute;TimeStamp;Value;UOM;IsGood") + "".join(
+        f"Plant\\{loop};Mode;{iso(STAMPS[0])}Z;Auto;;True\n" for loop in RANGES)}),
+    "values_of_two_types": Export({"plant.csv": long(lambda n, t, v: f"{n[:6]},{n[-2:].lower()},{iso(t)},-,{v}", "loop,measure_name,time,measure_value::varchar,measure_value::double")}),
+    "values_of_a_web_api": Export({"plant.csv": long(lambda n, t, v: f"F1DPw,{n},{iso(t)}Z,,True,False,{v}", "WebId,Name,Items.Timestamp,Items.UnitsAbbreviation,Items.Good,Items.Questionable,Items.Value")}),
+    "hours_in_folders": Export({f"area/{loop}/{hour[:10]}_{hour[11:13]}h.csv": single(loop, [i for i, t in enumerate(STAMPS) if iso(t)[:13] == hour]) for loop in RANGES for hour in dict.fromkeys(iso(t)[:13] for t in STAMPS)}, inputs=("area",)),
     "times_of_two_zones": Export({"plant.csv": wide(lambda t: f"{iso(t + timedelta(hours=2))},{iso(t)}", time_name="Time (local),Time (UTC)")}, notes=("not_read",)),
     "units_of_some_tags": Export({"plant.csv": long(lambda n, t, v: f"{iso(t)},{n},{v},{'' if n.endswith('SP') else '%' if n.endswith('OP') else 'bar'}", "Time,Tag,Value,Units")}),
     "signals_in_an_archive": Export({"plant.zip": packed({f"{n.replace('.', '/')}.csv": "Timestamp,Value\n" + "".join(f"{iso(t)},{cell(n, x)}\n" for t, x in zip(STAMPS, v, strict=True)) for n, v in SIGNALS.items()})}),
@@ -301,6 +323,27 @@ def test_hours_since_a_start_go_on_beyond_a_day(tmp_path, monkeypatch, above, st
     (tmp_path / "plant.csv").write_text("\n".join([f"{above}Time,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n")
     (record,) = read(tmp_path / "plant.csv")
     assert record.start == start and record.interval == 600.0 and np.array_equal(record.index, np.arange(800))
+
+
+@pytest.mark.parametrize(("above", "interval"), [
+    ("Sample rate: 10 Hz", 0.1), ("# Sampling frequency [Hz]: 4", 0.25), ("Abtastrate,0.5 Hz", 2.0), ("# dt = 0.2 s", 0.2), ("Sample rate,2", 0.5),
+    ("Sampling rate: 500 ms", 0.5), ("Zykluszeit: 5 s", 5.0), ("Sample rate: 0 Hz", 1.0), ("Sample rate: fast", 1.0)])
+def test_lines_above_counted_rows_name_their_rate(tmp_path, above, interval):
+    rows = [f"{k},50,{50 + k % 7 / 10},{40 + k % 11}" for k in range(300)]
+    (tmp_path / "plant.csv").write_text("\n".join([above, "", "Sample,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.interval == interval and len(record) == 300
+
+
+@pytest.mark.parametrize(("good", "bad"), [
+    ("GoodNonspecific", "BadCommFailure"), ("16#80", "16#00"), ("0x000000C0 GOOD", "0x00000000 BAD"), ("Quality Good", "Quality Bad"),
+    ("[Good]", "[Bad]"), ("GoodQuality", "BadQuality"), ("GOOD|RAW", "BAD|RAW"), ("No error", "Sensor failure"), ("i.O.", "n.i.O.")])
+@pytest.mark.parametrize("faults", [0, 3])
+def test_words_of_qualities(tmp_path, good, bad, faults):
+    rows = [f"{iso(t)},50,{50 + k % 7 / 10},{bad if k % 100 < faults else good},{40 + k % 11}" for k, t in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC101.SP,FIC101.PV,Quality,FIC101.OP", *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert np.array_equal(np.flatnonzero(record.state), np.flatnonzero(np.arange(ROWS) % 100 < faults))
 
 
 def test_an_export_may_be_called_as_settings_are(tmp_path):
