@@ -112,24 +112,21 @@ class LoopScanner:
                             interval_s=self.interval, settings=self.settings, carry=carry)
         return with_oscillation(self._judged(report, record), record.slice(-DIAGNOSED, len(record)))
 
-    def _judged(self, report: LoopReport, record: Record) -> LoopReport:
-        """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
-        settings, used, refusal = self.settings, self._survey.used, self._refusal()
-        on_settings: tuple[Note, ...] = ()
-        if self.options.confirm and self._given and used and not follows(record, settings):
-            # a contradiction limits the verdict
-            on_settings = tuple(replace(one, values={"effect": "limits" if contradicts(one) else "info", **one.values})
-                for one in (*check_settings(settings, identify(record)), *clocks(record))
-                if contradicts(one) or one.code != "settings_unchecked")
-        contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
-        confirmation = None
-        if self.options.confirm and used >= 2:
-            confirmation = confirm(record, settings)
-            if isinstance(confirmation, Confirmation):
-                left_out = float(self._survey.samples - len(record))
-                confirmation = replace(confirmation, details={**confirmation.details, "left_out": left_out})
-        manual: Confirmation | Note | None = None  # what tests of the valve in manual say
-        if self.options.confirm and (tests := manual_stretches(record)):
+    def _tests(self, record: Record) -> tuple[tuple[Note, ...], Confirmation | Note | None, Confirmation | Note | None]:
+        """What is said of the settings, and what PV against OP, and tests of the valve in manual, tell of a gap."""
+        settings, used = self.settings, self._survey.used
+        if not self.options.confirm:
+            return (), None, None
+        doubts = (*check_settings(settings, identify(record)), *clocks(record)) if (
+            self._given and used and not follows(record, settings)) else ()
+        on_settings = tuple(replace(one, values={"effect": "limits" if contradicts(one) else "info", **one.values})
+                            for one in doubts if contradicts(one) or one.code != "settings_unchecked")
+        confirmation = confirm(record, settings) if used >= 2 else None
+        if isinstance(confirmation, Confirmation):
+            left_out = float(self._survey.samples - len(record))
+            confirmation = replace(confirmation, details={**confirmation.details, "left_out": left_out})
+        manual: Confirmation | Note | None = None
+        if tests := manual_stretches(record):
             from .model.manual_test import manual_test  # few records hold a test
 
             by_hand = np.where(record.state == SampleState.MANUAL, SampleState.GOOD, SampleState.MISSING)
@@ -137,6 +134,13 @@ class LoopScanner:
                 self._note(noted("manual_follows"))
             else:
                 manual = manual_test(tests, self.interval, settings.K, settings.Ti)
+        return on_settings, confirmation, manual
+
+    def _judged(self, report: LoopReport, record: Record) -> LoopReport:
+        """The report with verdict, reasons and sizes; what an oscillation looks like apart."""
+        settings, used, refusal = self.settings, self._survey.used, self._refusal()
+        on_settings, confirmation, manual = self._tests(record)
+        contradictions = tuple(note for note in on_settings if note.values["effect"] == "limits")
         tells = isinstance(manual, Confirmation) or (manual is not None and manual.code == "manual_no_answer")
         warnings = [replace(note, message=note.message.replace("not used", "used for a test of the valve only"))
                     if tells and note.code == "manual" else note for note in self.notes.values()]

@@ -167,8 +167,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     diagonal += 1e-9
     answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
     beside = p.coefficients - (solved @ answer)[..., 0]
-    gained = np.sum(answer[..., 0] * right, axis=1)
-    return _gain(gained / p.loss, p.rows - len(p.columns)), answer[..., 0], beside
+    return _gain(np.sum(answer[..., 0] * right, axis=1) / p.loss, p.rows - len(p.columns)), answer[..., 0], beside
 
 
 def _gain(share: FloatArray, degrees: FloatArray | int) -> FloatArray:

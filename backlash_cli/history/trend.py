@@ -89,8 +89,7 @@ def _fitted(part: Sequence[Night]) -> tuple[Segment | None, Trend | None]:
     if len(sized) < ENOUGH:
         level = float(np.median(measured.size))
         spread = 1.96 * float(np.median(measured.error)) + float(np.abs(measured.size - level).max())
-        ci95 = max(level - spread, 0.0), level + spread
-        return replace(out, level_first=level, level=level, level_ci95=ci95), None
+        return replace(out, level_first=level, level=level, level_ci95=(max(level - spread, 0.0), level + spread)), None
     trend = fit(find_shocks(measured))
     now, low, high = trend.at(part[-1].time / DAY).tolist()
     slope, *ends = trend.slope
