@@ -50,32 +50,31 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
     return out, filled
 
 
-def linear(times: IntArray, known: IntArray, heights: FloatArray, limit: float) -> FloatArray:
-    """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, else nan."""
+def linear(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
+    """(samples,) Values at `times` on lines between good records at most `limit` microseconds apart, `few` where a bad
+    one (nan) lies between them; else nan."""
+    good = np.isfinite(values)
+    known, heights = stamps[good], values[good]
     if len(known) < 2:
         return np.full(len(times), np.nan)
     out = np.interp((times - known[0]).astype(float), (known - known[0]).astype(float), heights, np.nan, np.nan)
     after = np.searchsorted(known, times).clip(1, len(known) - 1)
-    wide = known[after] - known[after - 1] > limit
-    out[wide & (known[after] != times) & (known[after - 1] != times)] = np.nan
+    wide = np.diff(known) > np.where(np.diff(np.searchsorted(stamps[~good], known)) > 0, min(few, limit), limit)
+    out[wide[after - 1] & (known[after] != times) & (known[after - 1] != times)] = np.nan
     return out
 
 
 def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:
     """(samples,) The last good record at or before each of `times`; nan before the first, after `limit` microseconds,
-    and from a bad record (nan) on when no good one follows within `few` microseconds or MAX_HOLE records."""
+    and from a bad record (nan) on where two good ones around it lie more than `few` microseconds apart."""
     good = np.isfinite(values)
     if not good.any():
         return np.full(len(times), np.nan)
     known, heights = stamps[good], values[good]
     last = np.searchsorted(known, times, side="right") - 1
-    age = times - known[last.clip(0)]
-    out = np.where((last >= 0) & (age <= limit), heights[last], np.nan)
-    if not good.all():
-        faults = stamps[~good]
-        fault = np.searchsorted(faults, times, side="right") - 1
-        stale = (fault >= 0) & (faults[fault.clip(0)] > known[last.clip(0)])
-        out[stale & (age > max(few, (MAX_HOLE + 0.5) * float(np.median(np.diff(stamps)))))] = np.nan
+    before, after = known[last.clip(0)], np.append(known, 1 << 62)[last + 1]
+    out = np.where((last >= 0) & (times - before <= limit), heights[last], np.nan)
+    out[(stamps[np.searchsorted(stamps, times, side="right") - 1] > before) & (after - before > few)] = np.nan
     return out
 
 

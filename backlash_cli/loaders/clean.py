@@ -248,11 +248,10 @@ class _Making:
                 return found
         order = self.order if own else signal.times.order(signal.values)
         rows = slice(None) if order.rows is None else order.rows
-        stamps, values, known = order.stamps, signal.values[rows], np.isfinite(signal.values[rows])
-        if not (record := known | signal.bad[rows]).all():  # blank cells are no records
-            stamps, values, known = stamps[record], values[record], known[record]
+        record = np.isfinite(signal.values[rows]) | signal.bad[rows]  # blank cells are no records
+        stamps, values = order.stamps[record], signal.values[rows][record]
         few, limit, points = (self.bridge + 0.5) * grid.step, float("inf"), grid.start + grid.step * grid.index
-        steps = np.diff(stamps[known])
+        steps = np.diff(stamps[np.isfinite(values)])
         if role == "pv":
             limit = (MAX_HOLE + 1.5) * grid.step
             if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
@@ -263,7 +262,7 @@ class _Making:
             limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
         how = self.recipe.options.interpolation or ("linear" if role == "pv" else "hold")
         if how == "linear" and role != "mode":
-            return linear(points, stamps[known], values[known], limit)
+            return linear(points, stamps, values, limit, few)
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
         late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0
         return held(points + late, stamps, values, limit, few)

@@ -15,6 +15,7 @@ import pytest
 
 from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
+from backlash_cli.record import SampleState
 
 from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
 from .test_layouts import NEAR, comma, pairs, same_recording, seconds
@@ -344,6 +345,24 @@ def test_words_of_qualities(tmp_path, good, bad, faults):
     (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC101.SP,FIC101.PV,Quality,FIC101.OP", *rows]) + "\n")
     (record,) = read(tmp_path / "plant.csv")
     assert np.array_equal(np.flatnonzero(record.state), np.flatnonzero(np.arange(ROWS) % 100 < faults))
+
+
+@pytest.mark.parametrize("quality", [False, True])
+@pytest.mark.parametrize(("role", "every"), [("SP", 100), ("OP", 50), ("OP", 10), ("OP", 1), ("PV", 1)])
+def test_no_signal_is_known_from_a_bad_record_to_the_next_good_one(tmp_path, role, every, quality):
+    rows = []
+    for k in range(ROWS):
+        for name, value in (("SP", 50 + k // 100), ("PV", 50 + k % 7 / 10), ("OP", 40 + k % 11)):
+            bad = name == role and 300 <= k < 400
+            if name != role or (k == 300 if bad else k % every == 0):
+                rows.append(f"FIC101.{name},{iso(STAMPS[k])}," + (
+                    f"{value},{'Bad' if bad else 'Good'}" if quality else "I/O Timeout" if bad else f"{value}"))
+    (tmp_path / "plant.csv").write_text("\n".join([f"Tag,Time,Value{',Quality' * quality}", *rows]) + "\n")
+    (tmp_path / "loops.toml").write_text(SETTINGS)
+    (record,) = read(tmp_path / "plant.csv")
+    state = dict(zip(record.index.tolist(), record.state.tolist(), strict=True))
+    assert all(state.get(k, SampleState.MISSING) == SampleState.MISSING for k in range(301, 399))
+    assert all(state[k] < SampleState.MISSING for k in (*range(200, 299), *range(400, 500)))
 
 
 def test_an_export_may_be_called_as_settings_are(tmp_path):
