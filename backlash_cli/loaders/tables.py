@@ -112,8 +112,9 @@ class TextTable:
         chosen = {} if types is None else {"include_columns": [names[i] for i in types], "column_types": {
             names[i]: kind for i, kind in types.items() if kind is not None}}
         threads = types is not None and pa.cpu_count() > 1  # the first rows are few
-        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=max(
-            1 << 20, len(block) // 2 + 1, block.find(b"\n") + 1))  # two of them, each with the end of a line
+        size = max(1 << 20, min(len(block), LEAST // 3 * block.find(b"\n")))  # warm in the cache, and not of few rows
+        reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=size if all(
+            block.find(b"\n", at, at + size) >= 0 for at in range(0, len(block), size)) else len(block))  # long lines
         parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=(quoted := b'"' in block),
                                       quote_char=quoted and '"', invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
