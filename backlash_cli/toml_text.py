@@ -67,8 +67,9 @@ def line_of(text: str, where: str, *way: str | int) -> str:
             continue
         names: list[str | int] = [name.strip("\"'") for name in re.findall(r"[\w-]+|\"[^\"]*\"|'[^']*'", key[2])]
         if head:
-            here = [*names, entries[head[2]]] if head[1] == "[[" else names
+            here = names
             if head[1] == "[[":
+                here = [*names, entries[head[2]]]
                 entries[head[2]] += 1
         if way and [*here, *names * (not head)][: len(way)] == list(way):
             return f"{where}, line {number}"

@@ -151,7 +151,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if kind == "pairs":
         return _pairs(head)
     stamps, used = stamp_columns(head, options)
-    texts = [i for i in head.texts if i not in used and head.plain[i] not in VALUE]
+    texts = [i for i in head.texts if i not in used]
     named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS or i in head.loops), key=lambda i: (
         head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
@@ -178,13 +178,13 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
 
 
 def _recognise(head: Head) -> str:
-    texts = [i for i in head.texts if i not in head.times and head.plain[i] not in VALUE]
+    texts = [i for i in head.texts if i not in head.times]
     alone = {"pv"} < {tag.role for tag in head.tags if tag.role in SIGNALS and not tag.loop}  # else a word for values
     wide = any(map(is_whole, head.names))
     if alone and VALUE.isdisjoint(head.plain):
         return "tall" if {*head.loops} - {*head.times} else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
-    alike = len({(head.is_time(i), head.kinds[i] == "clock") for i in head.times}) == 1  # or stamps, and a counter
+    alike = len({(head.is_time(i), head.kinds[i] == "clock") for i in head.times}) == 1  # not stamps and a counter
     if len(head.times) >= 2 and (followed or _leading(head)) and alike and head.kinds[head.times[0]] != "clock":
         return "pairs"
     return "long" if head.times and not wide and (head.ids or name_columns(head, texts)) else "wide"
@@ -212,17 +212,17 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
     """Return which columns of `texts` name the tag of each row, or loop and signal, by cells before headers; or ()."""
-    heads = {i: head.words(i) for i in texts}
+    heads = {i: head.words(i) for i in texts if head.plain[i] not in VALUE}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:
-        return [i for i in texts if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
+        return [i for i in heads if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
 
     whole = mostly(is_whole)
     roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
              if not is_column(head.names[i], "quality")]
-    named = [i for i in texts if head.plain[i] in TAG]
+    named = [i for i in heads if head.plain[i] in TAG]
     if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
-        rest = [i for i in texts if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
+        rest = [i for i in heads if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
         group = [i for i in rest if head.plain[i] in GROUPS | LOOP]
         groups = [i for i in group if head.plain[i] != "measurement"] or (
             [i for i in rest if i in named] or group or rest)  # a tag tells more than a measurement of InfluxDB
@@ -230,7 +230,7 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
             return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
     if whole:
         one = next((i for i in whole if i in named), whole[0])  # pid_pv beside a column that names the loop
-        apart = [i for i in texts if head.plain[i] in LOOP and heads[i] and not any(
+        apart = [i for i in heads if head.plain[i] in LOOP and heads[i] and not any(
             loop.lower() in tag.lower() for tag in heads[one] for loop in heads[i])]
         return (*apart[:1], one)
     return tuple([i for i in named if heads[i]][:1])

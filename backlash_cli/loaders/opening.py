@@ -31,7 +31,7 @@ from .sources import day_of, is_export, stem_of
 from .states import quality_words
 from .times import DOTTED, StampReader, stamp_kind
 
-CHUNK, SAMPLE, BLOCK, ROWS = 1 << 17, 64 << 10, 4 << 20, 2000  # bytes: read, to know the code, in a block; its rows
+CHUNK, SAMPLE, BLOCK, ROWS = 1 << 17, 64 << 10, 4 << 20, 2000  # bytes read, that tell the encoding, of a block; lines
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
 _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", gzip.open), b"BZh": ("bz2", bz2.open), b"\xfd7zXZ\x00": ("xz", lzma.open),
@@ -152,7 +152,7 @@ class Text:
 
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
-    """Yield text in blocks of whole lines, larger ones of long lines: of few rows at once each column costs as much."""
+    """Yield text in blocks of whole lines, larger ones of long lines: each block costs a little per column."""
     block, enough = bytearray(), BLOCK
     for piece in pieces:
         block += piece
@@ -314,7 +314,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
-             in (*pairwise(row), *(cell.replace("=", ":").partition(":")[::2] for cell in row))]
+             in (*pairwise(row), *((*re.split("[:=]", cell, maxsplit=1), "")[:2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
