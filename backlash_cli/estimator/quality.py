@@ -18,11 +18,11 @@ FEWEST_STORED = 1.0  # stored values per Ti, the same for a compressed signal, o
 FEW_PER_TI = 5.0  # below, simulated loops without dead band are called three to five times as often
 LITTLE_MOTION = 0.03  # an OP range that leaves dead bands above 2 % unseen deserves a word
 NOTABLE = 0.01  # shares below one per cent are not worth a line
-HALF = 0.5
 MANY = 8  # block means per Ti on which reversals of the output are counted
 LATTICE = 0.02  # share of a step that a difference may be off, growing with the square root of the number of steps,
 LARGEST = 0.2  # up to this
 RECUR = 0.7  # share of different values up to which levels recur
+ENOUGH = 4096  # values, evenly taken, show a lattice as well as all do
 EXACT = 1e-9  # of the signal's range: rounding of numbers, not of a recorder
 VISIBLE = 1e-4  # of the signal's range: smaller changes are those of a signal that has settled, not of a recorder
 LEAST_RUN = 4  # samples on one straight line that are no accident
@@ -112,7 +112,7 @@ class Quality(Frozen):
             say(op.kind != "samples", f"output_compressed:{op.kind}", share=op.share, deviation=op.deviation)
             say(op.step > 1e-4, "output_rounded", step=op.step, limit=OUTPUT_STEPS * op.step)
 
-        say(q.usable_share < HALF, "little_usable", share=q.usable_share)
+        say(q.usable_share < 0.5, "little_usable", share=q.usable_share)
         for name, share in {"manual": q.manual_share, "saturated": q.saturated_share,
                             "missing_samples": q.missing_share, "frozen": q.frozen_share,
                             "spikes": q.implausible_share}.items():
@@ -126,7 +126,7 @@ class Quality(Frozen):
         say(q.output_range is None, "no_output")
         say(moved == 0.0, "output_constant", "blocks")
         say(0.0 < moved < LITTLE_MOTION, "little_motion", range=moved, limit=moved / MOTION)
-        say(q.setpoint_moves > HALF, "setpoint_moves", share=q.setpoint_moves)
+        say(q.setpoint_moves > 0.5, "setpoint_moves", share=q.setpoint_moves)
         return heaviest_first(notes)
 
     @property
@@ -181,15 +181,15 @@ def rounding_step(values: FloatArray) -> float:
     >>> round(rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5])), 9)
     0.1
     """
-    gaps = np.diff(np.sort(values))
-    levels = 1 + np.count_nonzero(gaps)
+    gaps = np.diff(np.sort(values[:: 1 + len(values) // ENOUGH]))
+    samples, levels = 1 + len(gaps), 1 + np.count_nonzero(gaps)
     gaps = gaps[gaps > EXACT * gaps.sum()]
     if not len(gaps):
         return 0.0
     for step in (gaps.min() / np.array([1.0, 2.0, 3.0, 5.0])).tolist():
         numbers = gaps / step
         if np.all((numbers - np.rint(numbers)) ** 2 <= np.minimum(LATTICE**2 * numbers, LARGEST**2)):
-            return step if levels <= RECUR * len(values) or np.mean(gaps <= 2.0 * step) >= 0.5 else 0.0
+            return step if levels <= RECUR * samples or np.mean(gaps <= 2.0 * step) >= 0.5 else 0.0
     return 0.0
 
 

@@ -78,6 +78,13 @@ def test_no_rounding_step_in_scattered_numbers() -> None:
     assert rounding_step(np.array([1.0])) == 0.0
 
 
+@pytest.mark.parametrize("count", [4095, 4096, 40_000])
+def test_a_lattice_is_found_in_any_number_of_values(count: int) -> None:
+    values = np.cumsum(np.random.default_rng(1).normal(size=count)) / 1000.0
+    assert rounding_step(values) == 0.0
+    assert rounding_step(np.round(values, 3)) == pytest.approx(1e-3, rel=1e-9)
+
+
 def test_noise_of_a_slow_signal() -> None:
     rng = np.random.default_rng(0)
     values = np.sin(INDEX / 300.0) + 0.01 * rng.normal(size=len(INDEX))
