@@ -176,7 +176,8 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         if one.roles and values and len({item.loop for item in values}) == 1 and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
         outputs = one.roles.get("op", [])
-        measured = [item for item in outputs if plain(item.signal) == "mv"]  # beside OUT it is the measured value
+        words = [plain(item.signal) for item in outputs]  # beside another output CV is controlled, or MV measured
+        measured = [o for o, word in zip(outputs, words, strict=True) if word in sorted({"cv", "mv"} & {*words})[:1]]
         if "pv" not in one.roles.keys() | asked.get(name, {}).keys() and 0 < len(measured) < len(outputs):
             one.roles |= {"pv": measured, "op": [item for item in outputs if item not in measured]}
     for loop, tags in asked.items():
@@ -226,9 +227,8 @@ class Joiner:
         return replace(one, notes=(*said.values(), *notes), faults=faults)
 
     def _part(self, item: Series) -> Signal:
-        cells, good = item.cells(), np.ones(len(item.axis), bool)
+        cells, good, notes = item.cells(), np.ones(len(item.axis), bool), list[Note]()
         values, bad = cells.numbers()
-        notes: list[Note] = []
         times = self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}

@@ -67,6 +67,8 @@ FORMS = {
     "labels beside whole tags": wide("Time," + ",".join(f'"FIC101.{s} {{host: srv1, area: 7}}"' for s in SIGNALS)),
     "two names of the value behind the signal": wide("Time," + ",".join(f"FIC101_{s}.F_CV.Value" for s in SIGNALS)),
     "measured value and output": wide("Time,FIC101/SP,FIC101/MV,FIC101/OUT"),
+    "controlled and manipulated variable": wide("Time,FIC101/SP,FIC101/CV,FIC101/MV"),
+    "controlled variable and output": wide("Time,FIC101/SP,FIC101/CV,FIC101/OUT"),
     "valve position": wide("Time,FIC101 Set Point,FIC101 Process Variable,FIC101 Valve Position"),
     "the tag with its unit is the measurement": wide("Time,FIC101.SP (t/h),FIC101 (t/h),FIC101.OP (%)"),
     "signals in rows of the file of a loop": "signal,time,value\n" + "\n".join(

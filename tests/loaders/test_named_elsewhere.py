@@ -328,7 +328,8 @@ def test_hours_since_a_start_go_on_beyond_a_day(tmp_path, monkeypatch, above, st
 
 @pytest.mark.parametrize(("above", "interval"), [
     ("Sample rate: 10 Hz", 0.1), ("# Sampling frequency [Hz]: 4", 0.25), ("Abtastrate,0.5 Hz", 2.0), ("# dt = 0.2 s", 0.2), ("Sample rate,2", 0.5),
-    ("Sampling rate: 500 ms", 0.5), ("Zykluszeit: 5 s", 5.0), ("Sample rate: 0 Hz", 1.0), ("Sample rate: fast", 1.0)])
+    ("Sampling rate: 500 ms", 0.5), ("Zykluszeit: 5 s", 5.0), ("Scan rate: 2 s", 2.0), ("Ts = 0.25 s", 0.25),
+    ("Resolution (ms): 200", 0.2), ("Update interval: 00:00:05", 5.0), ("Sample rate: 0 Hz", 1.0), ("Sample rate: fast", 1.0)])
 def test_lines_above_counted_rows_name_their_rate(tmp_path, above, interval):
     rows = [f"{k},50,{50 + k % 7 / 10},{40 + k % 11}" for k in range(300)]
     (tmp_path / "plant.csv").write_text("\n".join([above, "", "Sample,FIC101.SP,FIC101.PV,FIC101.OP", *rows]) + "\n")
