@@ -168,7 +168,9 @@ class LoopScanner:
             watched = (used * self.interval - cut_off) / settings.Ti
             report = replace(report, **tally(half_periods, self._errors.smooth.left_out, used * self.interval))
         else:
-            warnings.append(noted("rule_left_out", {"why": refusal.code}, message=refusal.message))
+            # an output without an I part may be no controller's: PV in another unit, and noise
+            copied = {"effect": "limits"} if refusal.values.get("why") == "integral_part_unseen" else {}
+            warnings.append(noted("rule_left_out", {"why": refusal.code, **copied}, message=refusal.message))
             cluster, said, oscillation, watched = None, (), (0.0, 0.0), 0.0
         output_noise, rounding = (quality.op.noise, quality.op.step) if quality.op else (0.0, 0.0)
         on_quality = (*(note for note in warnings if "effect" in note.values), *quality.notes, *on_settings)

@@ -174,7 +174,7 @@ def _time_scale(record: Record, rows: LawRows) -> tuple[LawRows, LawForm, float]
             rows, level = slower, level + 1
             Ti = Ti if isfinite(Ti) else FIRST_WINDOW / WINDOW * rows.interval
         elif Ti > len(rows.index) * h:
-            return _refused(explained, unseen="integral_part_unseen")
+            return _refused(explained, unseen="integral_part_unseen", interval=record.interval)
         elif 0.8 < Ti / before < 1.25:
             break
     return rows, fits[0].form, longest
@@ -185,9 +185,10 @@ def window_of(wanted: float, rows: int) -> int:
     return int(np.clip(wanted, MIN_WINDOW, max(min(ROWS, rows // 6), MIN_WINDOW)))
 
 
-def _refused(explained: float, *, by_chance: bool = False, unseen: str = "proportional_part_unseen") -> Note:
+def _refused(explained: float, *, by_chance: bool = False, unseen: str = "proportional_part_unseen", **more: float
+             ) -> Note:
     code = unseen if explained > LEAST_EXPLAINED and not by_chance else "not_this_controller"
-    return noted(code, {"r2": explained}, explained=max(explained, 0.0))
+    return noted(code, {"r2": explained, **more}, explained=max(explained, 0.0))
 
 
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...]) -> Identification:

@@ -51,7 +51,9 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     if K is None and Ti is None:
         return ()
     if isinstance(found, Note):  # whose controller it is not, that moves no valve of this loop
-        severity = {"severity": "contradict"} if found.code == "not_this_controller" else {}
+        wrong = found.code == "not_this_controller" or (found.code == "integral_part_unseen" and Ti is not None
+                                                        and Ti >= LEAST_PER_TI * float(found.values["interval"]))
+        severity = {"severity": "contradict"} if wrong else {}
         return (noted("settings_unchecked", {"why": found.code, **severity}, message=found.message),)
     notes = []
     if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):
@@ -146,7 +148,8 @@ def _compared(K: float | None, Ti: float | None, settings: LoopSettings, found: 
     offset, sure = _distance(K / Ti, ratio)
     apart, sure_apart = _distance(K, gain)
     width = (ratio.ci95[1] - ratio.ci95[0]) / (2.0 * ratio.value)
-    coarse = Ti < COARSE * found.interval and reset.ci95[0] < LEAST_PER_TI * found.interval
+    coarse = Ti < COARSE * found.interval and (  # not where a slow Ti in the data asked for a slow picture of them
+        reset.ci95[0] < LEAST_PER_TI * found.interval and reset.value < SLOWEST / SLOWER * found.interval)
     factor = K / Ti / ratio.value
     shown = f"K {gain.value:.3g}, Ti {reset.value:.3g} s"
     mix_up = _best(K, Ti, settings, gain, ratio, coarse) if abs(offset) > AGREES and sure > SURE else None

@@ -12,6 +12,7 @@ from ..results import NOTHING_SAID, Cluster, Confirmation, Verdict
 from ..words import noted, said, times
 from .criteria import CALLED, CLEARED, CLEARED_TESTED, by_hand, confidence, weigh
 from .haegglund import SUPERVISION
+from .settings_check import contradicts
 
 ENOUGH = 3  # similar estimates (15) that make a cluster worth comparing
 AGREE = 0.35  # the estimates (15) read low by noise and high by load: agreement is within this share
@@ -196,6 +197,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
     sure = confidence(evidence / (DOUBLED if limits else 1.0), by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
+    foreign = tuple(filter(contradicts, limits))  # of an OP that this controller did not make both methods may err
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
         reasons.append(noted("methods_agree" if agree else "methods_differ",
@@ -207,7 +209,7 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     if weighed.clear:
         known = c.details["output"] == "completed" and evidence > DOUBLED * CALLED and all(
             note.code == "interpolated" for note in limits)
-        if limits and not (agree or known):
+        if limits and (foreign or not agree) and not known:
             return Decision(Verdict.SUSPECTED, (reasons[0], *limits, *reasons[1:]), 0.5, size)
         return Decision(Verdict.BACKLASH, (*reasons, *f.swinging), sure, size)
     none = noted("play_does_not_fit", {"evidence": evidence}, origin=origin)
@@ -220,6 +222,8 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     if c.details["trace"]:
         trace = noted("not_separable", {"d": c.d, "evidence": evidence})
         return Decision(Verdict.CANNOT_TELL, (trace,), 0.0, None)
+    if foreign:
+        return Decision(Verdict.CANNOT_TELL, foreign, 0.0, None)
     coarse = tuple(note for note in f.quality if note.code in COARSE)
     if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or any(n.code == COARSE[0] for n in coarse):
         values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")

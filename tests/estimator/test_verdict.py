@@ -102,6 +102,13 @@ def test_compressed_pv_needs_both_methods():
     assert decide(findings(quality=limits, cluster=None)).verdict is Verdict.SUSPECTED
 
 
+@pytest.mark.parametrize("code", ["settings_unchecked", "settings_contradicted", "settings_action_sign"])
+def test_two_methods_prove_nothing_of_an_output_that_this_controller_did_not_make(code):
+    limits = (Note(code, "", {"effect": "limits", "severity": "contradict"}),)
+    decision = decide(findings(quality=limits))
+    assert decision.verdict is Verdict.SUSPECTED and codes(decision.reasons)[:2] == ["play_fits", code]
+
+
 def test_what_blocks_comes_before_everything():
     decision = decide(findings(quality=(Note("measurement_constant", "", {"effect": "blocks"}),)))
     assert decision.verdict is Verdict.CANNOT_TELL
