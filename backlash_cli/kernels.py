@@ -245,8 +245,7 @@ def pid(state: Any, p: Any, setpoint: float, measurement: float, feedforward: fl
     The new sample counts as the mean over the interval before it. Away from automatic the integral part follows,
     so that the return is without a bump; `hand` nan holds the output."""
     gain, integral, derivative, b, c, low, high, windup, a, w = (
-        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9],
-    )  # fmt: skip
+        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9])
     x, s = state[0] - measurement, state[2] - setpoint
     state[1] = measurement + a * (state[1] - measurement) + w * x
     state[0] = measurement + a * x
@@ -291,11 +290,9 @@ def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
 
 @with_pointers(
     numba.types.UniTuple(STEP_POINTER, SLOTS), INTEGERS, INTEGERS, INTEGERS, FLOATS, FLOATS,
-    MATRIX, FLOATS, FLOATS, FLOATS, FLOATS,
-    FLOATS, FLOATS, FLOATS, FLOATS, numba.types.int64,
+    MATRIX, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, FLOATS, numba.types.int64,
     FLOATS, FLAGS, FLOATS, numba.types.float64, numba.types.float64, numba.types.float64, MATRIX,
-    returns=numba.types.int64,
-)  # fmt: skip
+    returns=numba.types.int64)
 def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p: Any, decay: Any, newer: Any,
                 older: Any, readout: Any, line: Any, pid_p: Any, pid_state: Any, comp_p: Any, comp_state: Any,
                 every: int, setpoint: Any, by_hand: Any, hand: Any, level: float, rest: float, limit: float, out: Any

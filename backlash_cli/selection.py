@@ -1,17 +1,25 @@
 """Which loops of a plant are wanted, and from when on: names, wildcards, expressions, a sample; a moment or an age."""
 
+from __future__ import annotations
+
 import contextlib
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from fnmatch import fnmatchcase
-from functools import lru_cache
+from functools import cache, lru_cache
+from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
-from .errors import UsageError, nearest, some
-from .record import Note, fingerprint
+import numpy as np
+
+from .errors import InputError, UsageError, nearest, some
+from .record import NAT, Note, fingerprint, utc_text
 from .words import explained, noted
+
+if TYPE_CHECKING:
+    from .loaders.signals import Axis, LoopSeries, Series
 
 LOOP_OPTIONS = "--loop, --loops-matching"
 _UNITS = {"s": 1, "min": 60, "h": 3600, "d": 86_400, "w": 7 * 86_400}
@@ -88,3 +96,39 @@ def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int
                 moment = moment.replace(tzinfo=ZoneInfo(timezone) if timezone else UTC)
             return (moment - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1), 0
     raise UsageError(**explained("since", text=text), where="--since")
+
+
+def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
+          ) -> tuple[dict[str, LoopSeries], list[Note], int]:
+    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
+    are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
+    last value before stays. Raises UsageError without times, InputError when no loop is left."""
+    given, age = parse_since(when, timezone)
+    newest = [np.sort(m[m != NAT])[-4:].tolist() or [NAT] for m in (a.read() for a in {s.axis for s in found})]
+    last = max(max(x for x in top if x - top[0] < 2e6 * _UNITS["d"]) for top in newest)  # three may be stray
+    if last == NAT:
+        raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
+    moment = last - age if given is None else given
+
+    @cache  # loops may share their rows
+    def cut(axis: Axis, keep_one: bool) -> Axis:
+        micros = axis.read()
+        keep = (micros >= moment) | (micros == NAT)
+        if keep_one and not keep.all():
+            keep[np.argmax(np.where(keep, NAT, micros))] = True
+        known = np.flatnonzero(keep & (micros != NAT))
+        first = int(known[0]) if len(known) else len(keep)
+        return axis.part(slice(first, None) if keep[first:].all() else np.flatnonzero(keep))
+
+    kept: dict[str, LoopSeries] = {}
+    for name, own in loops.items():
+        of_pv = {item.axis for item in own.roles.get("pv", [])}  # no value of PV before the moment stays
+        rest = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
+        if not of_pv or "pv" in rest.roles:
+            kept[name] = rest
+    text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
+    if without and not kept:
+        raise InputError(**explained("nothing_since", text=text, end=utc_text(last)), where=f"--since {when}")
+    left = noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)}, of=len(loops),
+                 since=text, some=some(without))
+    return kept, [noted("since", {"since": text}, when=when), *[left] * bool(without)], moment

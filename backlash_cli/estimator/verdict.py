@@ -22,6 +22,7 @@ LIMITED = "limits"
 SWINGING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
 STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
+BLURRED = (*STORAGE, "interpolated", "output_compressed")  # the controller's law is not seen
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
 DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
@@ -197,7 +198,8 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
     evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
     sure = confidence(evidence / (DOUBLED if limits else 1.0), by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
-    foreign = tuple(filter(contradicts, limits))  # of an OP that this controller did not make both methods may err
+    # of an OP that this controller did not make both methods may err; between few records it cannot be told
+    foreign = () if any(note.code in BLURRED for note in f.quality) else tuple(filter(contradicts, limits))
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
         reasons.append(noted("methods_agree" if agree else "methods_differ",

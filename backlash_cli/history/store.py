@@ -243,8 +243,7 @@ def night_row(report: LoopReport) -> dict[str, Any]:
             "pv_range": s.pv_range, "op_range": s.op_range, "source": dict(s.source)},
         "reasons": _notes(report.reasons), "warnings": _notes(report.warnings),
         "travel": unpack(report.carry).travel if report.carry else None,
-        "details": {name: _rounded({key: values[key] for key in _EVIDENCE[name]}) for name, values in found.items()},
-    })
+        "details": {name: _rounded({key: values[key] for key in _EVIDENCE[name]}) for name, values in found.items()}})
     halves = [list(half_period_row(row, e).values()) for e in report.estimates]
     return {**row, "digest": fingerprint(as_json([stored(row), halves]), more=report.carry or b"")}
 

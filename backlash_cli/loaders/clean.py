@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
+from ..record import NAT, FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
 from ..samples import MAX_HOLE, STRANGE, held, is_copy, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
-from .grid import GAP_FACTOR, LIKELY, NAT, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
+from .grid import GAP_FACTOR, LIKELY, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults

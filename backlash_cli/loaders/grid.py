@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import FloatArray, Frozen, IntArray, Note, duration, utc_text
+from ..record import NAT, FloatArray, Frozen, IntArray, Note, duration, utc_text
 from ..samples import MAX_HOLE
 from .names import explained, noted
 
-NAT = np.iinfo(np.int64).min
 SECOND, HOUR, DAY = 1_000_000, 3_600_000_000, 86_400_000_000  # microseconds
 LIKELY = range(600_000_000 * SECOND, 2_020_000_000 * SECOND)  # 1989 to 2034: dates of plant data, numbers since 1970
 OUTLIER_SHARE, FAR = 0.01, 10.0  # of the stamps may lie far from others: that times what 90 % span, and two days

@@ -19,8 +19,8 @@ from .signals import Series
 from .states import mode_words, quality_words
 from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
 
-BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, TAG, VALUE = (
-    COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "tag", "value"))
+BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, PLACE, TAG, VALUE = (
+    COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "place", "tag", "value"))
 _LATER = re.compile("ingest|load|insert|server|enqueue|arriv|receiv|creat|process")  # not when it was measured
 _OPC = frozenset({*range(0, 256, 4), 219})
 
@@ -102,6 +102,12 @@ class Head(Frozen):
         return [i for i in self.texts + self.ids if self.plain[i] in TAG | LOOP | {"measurement"} or (
             i in self.texts and len(words := self.words(i)) > 1 and all(map(TITLE.fullmatch, words)))]
 
+    @cached_property
+    def places(self) -> list[int]:
+        """Columns that say where in the plant a tag is, such as Unit, unless it holds units such as %."""
+        return [i for i in self.texts if self.plain[i] in PLACE and (words := self.words(i)) and COLUMNS[
+            "attribute"].isdisjoint(map(plain, words))]
+
     def is_time(self, column: int) -> bool:
         """Say whether a column holds dates or times of day, by its type or by what its first cells look like."""
         kind = self.columns[column].type
@@ -154,7 +160,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     texts = [i for i in head.texts if i not in used]
     named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS or i in head.loops), key=lambda i: (
         head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
-    naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else tuple(named[: kind == "tall"])
+    naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else (
+        *[i for i in head.places if i not in named[:1]], *named[:1])[: None if kind == "tall" else 0]
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
@@ -211,29 +218,30 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
-    """Return which columns of `texts` name the tag of each row, or loop and signal, by cells before headers; or ()."""
-    heads = {i: head.words(i) for i in texts if head.plain[i] not in VALUE}
+    """Return which columns of `texts` name the tag of each row, or loop and signal, by cells before headers; or (); and
+    before them those that may tell alike tags apart, as unit and module do."""
+    heads = {i: words for i in texts if head.plain[i] not in VALUE and (words := head.words(i))}
 
     def mostly(test: Callable[[str], bool]) -> list[int]:
-        return [i for i in heads if heads[i] and sum(map(test, heads[i])) >= 0.5 * len(heads[i])]
+        return [i for i, words in heads.items() if sum(map(test, words)) >= 0.5 * len(words)]
 
     whole = mostly(is_whole)
-    roles = [i for i in mostly(lambda word: signal_role(word) in ("sp", "pv", "op"))
+    roles = [i for i in mostly(lambda word: split_tag(word).role in ("sp", "pv", "op") and not split_tag(word).loop)
              if not is_column(head.names[i], "quality")]
     named = [i for i in heads if head.plain[i] in TAG]
-    if roles and not whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
-        rest = [i for i in heads if i not in roles and heads[i] and not is_column(head.names[i], "ignored", "quality")]
+    found, beside = named[:1], {*head.places}
+    if whole:  # ns=2;s=FIC101.PV says it all, whatever stands beside it
+        one = next((i for i in whole if i in named), whole[0])  # pid_pv beside a column that names the loop
+        apart = [i for i in heads if head.plain[i] in LOOP and not any(
+            loop.lower() in tag.lower() for tag in heads[one] for loop in heads[i])]
+        found, beside = [*apart[:1], one], beside | {i for i in heads if head.plain[i] in (TAG | GROUPS) - LOOP - PLACE}
+    elif roles:
+        rest = [i for i in heads if i not in roles and not is_column(head.names[i], "ignored", "quality")]
         group = [i for i in rest if head.plain[i] in GROUPS | LOOP]
         groups = [i for i in group if head.plain[i] != "measurement"] or (
             [i for i in rest if i in named] or group or rest)  # a tag tells more than a measurement of InfluxDB
-        if groups:
-            return max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]
-    if whole:
-        one = next((i for i in whole if i in named), whole[0])  # pid_pv beside a column that names the loop
-        apart = [i for i in heads if head.plain[i] in LOOP and heads[i] and not any(
-            loop.lower() in tag.lower() for tag in heads[one] for loop in heads[i])]
-        return (*apart[:1], one)
-    return tuple([i for i in named if heads[i]][:1])
+        found = [max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]] if groups else found
+    return (*sorted(beside.difference(found), key=lambda i: len(head.words(i))), *found) if found else ()
 
 
 def _leading(head: Head) -> int:

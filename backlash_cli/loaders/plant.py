@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, cached_property
 from os import PathLike
@@ -11,19 +11,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-import numpy as np
 from pyarrow.lib import ArrowException
 
 from ..errors import BacklashError, InputError, LoopError, UsageError, nearest, some
-from ..record import Frozen, Note, Record, failure, utc_text
+from ..record import Frozen, Note, Record, failure
 from ..scratch import Room
-from ..selection import choose, fits, parse_since
+from ..selection import choose, fits, since
 from ..settings import Metadata, merge
 from .clean import Recipe
-from .grid import DAY, NAT
 from .names import explained, noted
 from .options import ReadOptions
-from .signals import Axis, Joiner, LoopSeries, Owners, Series, by_loop, explicit_tags, owners_of
+from .signals import Joiner, LoopSeries, Owners, Series, by_loop, explicit_tags, owners_of
 from .sources import Source, find_sidecars, find_sources, read_metadata
 from .tables import signals_of_file
 
@@ -238,39 +236,3 @@ def _needed(metadata: Metadata, owners: Owners, options: ReadOptions) -> Callabl
 
     return lambda one: not (options.only_loops or options.loops_matching) or any(
         map(wanted, [one.loop or one.tag, *(loop for loop, _ in owners_of(one.tag, owners))]))
-
-
-def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
-          ) -> tuple[dict[str, LoopSeries], list[Note], int]:
-    """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
-    are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
-    last value before stays. Raises UsageError without times, InputError when no loop is left."""
-    given, age = parse_since(when, timezone)
-    newest = [np.sort(m[m != NAT])[-4:].tolist() or [NAT] for m in map(Axis.read, {item.axis for item in found})]
-    last = max(max(x for x in top if x - top[0] < 2 * DAY) for top in newest)  # without up to three stray stamps
-    if last == NAT:
-        raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
-    moment = last - age if given is None else given
-
-    @cache  # loops may share their rows
-    def cut(axis: Axis, keep_one: bool) -> Axis:
-        micros = axis.read()
-        keep = (micros >= moment) | (micros == NAT)
-        if keep_one and not keep.all():
-            keep[np.argmax(np.where(keep, NAT, micros))] = True
-        known = np.flatnonzero(keep & (micros != NAT))
-        first = int(known[0]) if len(known) else len(keep)
-        return axis.part(slice(first, None) if keep[first:].all() else np.flatnonzero(keep))
-
-    kept: dict[str, LoopSeries] = {}
-    for name, own in loops.items():
-        of_pv = {item.axis for item in own.roles.get("pv", [])}  # no value of PV before the moment stays
-        rest = own.changed(lambda axis, of_pv=of_pv: cut(axis, axis not in of_pv))  # type: ignore[misc]
-        if not of_pv or "pv" in rest.roles:
-            kept[name] = rest
-    text, without = f"{utc_text(moment)} UTC", [name for name in loops if name not in kept]
-    if without and not kept:
-        raise InputError(**explained("nothing_since", text=text, end=utc_text(last)), where=f"--since {when}")
-    left = noted("nothing_since", {"loops": float(len(without)), "names": ", ".join(without)}, of=len(loops),
-                 since=text, some=some(without))
-    return kept, [noted("since", {"since": text}, when=when), *[left] * bool(without)], moment

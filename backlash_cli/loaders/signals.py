@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import FloatArray, Frozen, IntArray, Note
+from ..record import NAT, FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
 from ..scratch import Columns
 from ..settings import Metadata
 from .cells import Cells
-from .grid import NAT, Times
+from .grid import Times
 from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
@@ -167,12 +167,15 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
             shared[name] |= {item.role} if owners else set()
     bare = defaultdict[str, list[Series]](list)
     for item in series:
-        bare["" if item.loop else bare_tag(item.tag)].append(item)
+        bare["" if item.role else bare_tag(item.tag)].append(item)
     for name, one in loops.items():  # FIC101.DACA.PV beside FIC101.PIDA.SP
         bare[bare_tag(BLOCK.sub("", name))] += one.roles["pv"] if one.roles.keys() == {"pv"} else []
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
-        values = bare.get(bare_tag(BLOCK.sub("", name))) or next(
-            (items for signal, items in one.extra.items() if plain(signal) in COLUMNS["value"]), None)
+        called = COLUMNS["value"] | (COLUMNS["quantity"] if {"sp", "op"} <= one.roles.keys() else set())
+        of_value = [items for signal, items in one.extra.items() if plain(signal) in called]
+        names = [name, *(items[0].loop for items in one.roles.values())]  # in the loops file, and in the data
+        values = next(filter(None, (bare.get(bare_tag(BLOCK.sub("", one_name))) for one_name in names)),
+                      of_value[0] if len(of_value) == 1 else None)
         if one.roles and values and len({item.loop for item in values}) == 1 and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
         outputs = one.roles.get("op", [])

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from ..errors import BacklashError, InputError
 from ..places import Remote
-from ..record import IntArray, Note
+from ..record import NAT, IntArray, Note
 from ..scratch import Piece, Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
-from .grid import CLOCK_CODES, NAT, ordered
-from .layouts import VALUE, Head, Layout, layout_of, of_tag, signals_of
-from .names import SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
+from .grid import CLOCK_CODES, ordered
+from .layouts import LOOP, VALUE, Head, Layout, layout_of, of_tag, signals_of
+from .names import BLOCK, SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import DELIMITERS, ReadOptions
 from .signals import Axis, Series, Store
@@ -321,7 +321,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where,
                  first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
-        return _by_tag(axes[0], store, tags, blank, head, layout)
+        names = _tags(tags, any(head.plain[i] in LOOP for i in layout.naming[:-1]))
+        return _by_tag(axes[0], store, names, blank, head, layout)
     return _on_axes(signals_of(head, layout, options, blank), axes, layout)
 
 
@@ -331,20 +332,33 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
     return [replace(one, axis=axes[one.stamps]) for one in signals]
 
 
-def _numbered(batch: Batch, naming: Sequence[int], head: Head, tags: dict[str, int]) -> NDArray[np.int32]:
-    """Return the number of each row's tag, -1 for none, such as a header in between; new tags are added."""
-    header, keys = "\0".join(head.names[i].strip() for i in naming), batch[naming[0]]
-    keys = keys.cast(pa.int64(), safe=False) if pa.types.is_floating(keys.type) else keys if len(naming) == 1 else (
-        pc.binary_join_element_wise(*(batch[i].cast(pa.string()) for i in naming), "\0"))
-    codes, words = codes_and_words(keys)
+def _numbered(batch: Batch, naming: Sequence[int], head: Head, keys: dict[str, int]) -> NDArray[np.int32]:
+    """Return the number of each row's key, the cells that name its tag; -1 for none, such as a header in between; new
+    keys are added."""
+    header, column = "\0".join(head.names[i].strip() for i in naming), batch[naming[0]]
+    column = column.cast(pa.int64(), safe=False) if pa.types.is_floating(column.type) else column
+    if len(naming) > 1:
+        column = pc.binary_join_element_wise(*(pc.fill_null(batch[i].cast(pa.string()), "") for i in naming), "\0")
+    codes, words = codes_and_words(column)
     table = np.full(len(words) + 1, -1, np.int32)
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
-        if (name := in_labels(words[i].strip())) and name != header:
-            loop, apart, name = name.rpartition("\0")
-            tag = split_tag(name)  # pid_sp of a loop in a column of its own is its SP
-            name = tag.signal if apart and tag.role in SIGNALS and not re.search(r"\d", tag.loop) else name
-            table[i] = tags.setdefault(f"{loop}.{name}" if apart else name, len(tags))
+        key = [in_labels(cell.strip()) for cell in words[i].split("\0")]
+        tag = split_tag(key[-1])
+        if key[-1] and "\0".join(key) != header and (all(key[-2:]) or tag.loop or tag.role not in SIGNALS):
+            table[i] = keys.setdefault("\0".join(key), len(keys))
     return table[codes]
+
+
+def _tags(keys: Collection[str], of_loop: bool) -> list[str]:
+    """The tags of keys. A cell beside, of the unit or the module, belongs to the tag where it tells two tags apart, or
+    where these name a block, or a signal only. of_loop: so does one that names the loop."""
+    cells = [key.split("\0") for key in keys]
+    tags = [split_tag(own[-1]) for own in cells]
+    least = 1 + (of_loop or any(BLOCK.fullmatch(f".{t.loop}") or (t.role in SIGNALS and not t.loop) for t in tags))
+    while cells and len(cells[0]) > least and len({(*own[1:],) for own in cells}) == len(cells):
+        cells = [own[1:] for own in cells]
+    return [".".join([*filter(None, own[:-1]), tag.signal if own[1:] and tag.role in SIGNALS and not re.search(
+        r"\d", tag.loop) else own[-1]]) for own, tag in zip(cells, tags, strict=True)]  # pid_sp of a loop is its SP
 
 
 def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout

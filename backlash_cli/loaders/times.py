@@ -13,9 +13,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import FloatArray, IntArray, Note
+from ..record import NAT, FloatArray, IntArray, Note
 from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
-from .grid import DAY, HOUR, LIKELY, NAT, SECOND
+from .grid import DAY, HOUR, LIKELY, SECOND
 from .names import COLUMNS, WORDS, explained, noted, plain
 from .options import ReadOptions
 
@@ -346,7 +346,7 @@ class StampReader:
         first, last, counts = np.array(list(self._open.values())).T
         fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or short) and np.average(
             (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
-        if len(fitting) < 2:
+        if len({days_of(*readings[kind]).tobytes() for kind in fitting}) < 2:  # 06/06/2024 is one day either way
             return fitting[0] if fitting else "dmy"
         jumps = {}  # with the right one the time goes on over midnight, where every other one jumps
         for kind in fitting if len(self._open) > 1 else ():

@@ -94,7 +94,8 @@ def test_a_check_that_is_not_possible_says_why() -> None:
 
 
 @pytest.mark.parametrize(("code", "Ti", "severe"), [
-    ("integral_part_unseen", 28.0, True), ("integral_part_unseen", 4.0, False), ("integral_part_unseen", None, False), ("not_this_controller", 28.0, True),
+    ("integral_part_unseen", 28.0, True), ("integral_part_unseen", 4.0, False),
+    ("integral_part_unseen", None, False), ("not_this_controller", 28.0, True),
     ("proportional_part_unseen", 28.0, False)])
 def test_an_output_without_the_integral_part_that_is_given_is_not_of_this_controller(code, Ti, severe):
     (note,) = check_settings(LoopSettings(K=1.0, Ti=Ti), Note(code, "why", {"interval": 1.0}))
@@ -105,7 +106,8 @@ def test_an_output_without_the_integral_part_that_is_given_is_not_of_this_contro
 @pytest.mark.parametrize("noise", [0.0, 0.0002, 0.001])
 @pytest.mark.parametrize("given", [True, False])
 def test_an_output_that_is_pv_in_another_unit_is_no_proof_of_a_worn_valve(late, noise, given):
-    healthy, rng = run(Loop(K=0.6, Ti=28.0, noise=0.001), 7200, load=load_steps(7200, 0.03)), np.random.default_rng(late)
+    healthy = run(Loop(K=0.6, Ti=28.0, noise=0.001), 7200, load=load_steps(7200, 0.03))
+    rng = np.random.default_rng(late)
     pv = np.round(healthy.measurement, 4)
     op = np.round(0.5 * np.roll(pv, late) + noise * rng.normal(size=len(pv)), 3)
     source = {"K": "metadata", "Ti": "metadata"}
@@ -115,8 +117,8 @@ def test_an_output_that_is_pv_in_another_unit_is_no_proof_of_a_worn_valve(late, 
 
 
 def test_a_slow_picture_of_a_record_is_no_coarse_record() -> None:
-    ends = replace(FOUND, Ti=replace(FOUND.Ti, value=24000.0, ci95=(-2e6, 2e6)), interval=128.0,
-                   ratio=replace(FOUND.ratio, value=-4e-5, ci95=(-2e-4, 1e-4)), K=replace(FOUND.K, value=-1.05, ci95=(-1.1, -1.0)))
+    ends = replace(FOUND, Ti=replace(FOUND.Ti, value=24000.0, ci95=(-2e6, 2e6)), interval=128.0, ratio=replace(
+        FOUND.ratio, value=-4e-5, ci95=(-2e-4, 1e-4)), K=replace(FOUND.K, value=-1.05, ci95=(-1.1, -1.0)))
     given = LoopSettings(K=0.9, Ti=40.0, source={"K": "metadata", "Ti": "metadata"})
     assert [note.code for note in check_settings(given, ends)] == ["settings_contradicted"]
     coarse = replace(ends, Ti=replace(ends.Ti, value=300.0))

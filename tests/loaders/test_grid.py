@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from backlash_cli import read
 from backlash_cli.errors import LoopError
 from backlash_cli.loaders import ReadOptions
-from backlash_cli.loaders.grid import MAX_HOLE, NAT, SECOND, make_grid
+from backlash_cli.loaders.grid import MAX_HOLE, SECOND, make_grid
 from backlash_cli.loaders.grid import ordered as ordered_by
+from backlash_cli.record import NAT
 
 T0 = 1_773_734_400 * SECOND
 
