@@ -26,16 +26,9 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
     u: (samples,) controller output; returns (samples,). At d = 0 the output is u bit for bit.
     Source: Haegglund (2007), Fig. 2; the play operator of Krasnosel'skii and Pokrovskii (1989)."""
     out = np.empty_like(u)
-    x = start
-    half = 0.5 * d
+    x, half = start, 0.5 * d
     for k in range(len(u)):
-        v = u[k]
-        if d == 0.0:
-            x = v
-        elif v - half > x:
-            x = v - half
-        elif v + half < x:
-            x = v + half
+        x = min(max(x, u[k] - half), u[k] + half)
         out[k] = x
     return out
 
@@ -103,15 +96,11 @@ def gap_crossings(u: NDArray[Any], width: float) -> int:
     """How often the stem behind a dead band of `width` began to move the other way: OP crossed the whole gap."""
     half, x, way, crossings = 0.5 * width, u[0], 0, 0
     for i in range(len(u)):
-        v = u[i]
-        now = 0
-        if x < v - half:
-            x, now = v - half, 1
-        elif x > v + half:
-            x, now = v + half, -1
-        if now != 0:
+        to = min(max(x, u[i] - half), u[i] + half)
+        if to != x:
+            now = 1 if to > x else -1
             crossings += 1 if way == -now else 0
-            way = now
+            x, way = to, now
     return crossings
 
 
@@ -281,10 +270,8 @@ def compensation(state: Any, p: Any, feedback: float, error: float) -> float:
     signal = state[1] if scheme == 9.0 else state[1] - state[2]
     state[2] = state[1]
     # at exactly zero the sign stays: the valve rests and so does the compensation
-    if signal > hysteresis:
-        state[3] = 1.0
-    elif signal < -hysteresis:
-        state[3] = -1.0
+    if abs(signal) > hysteresis:
+        state[3] = np.sign(signal)
     return half * state[3]
 
 
@@ -301,7 +288,7 @@ def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p:
 
     ends: [n valve and process effects, n with load effects, n with sensor effects] into the effects' tables.
     line: delay line of process inputs. level, rest: process output and input at rest. Returns the sample at
-    which the process output left level +- limit, or the number of samples."""  # fmt: skip
+    which the process output left level +- limit, or the number of samples."""
     order, size = readout.size, line.size
     x, new = np.zeros(order), np.zeros(order)
     output, place = pid_state[6], 0
@@ -336,11 +323,6 @@ def closed_loop(steps: Any, state_at: Any, p_at: Any, ends: Any, states: Any, p:
             for j in range(order):
                 total += decay[i, j] * x[j]
             new[i] = total
-        for i in range(order):
-            x[i] = new[i]
-        out[0, k] = measured
-        out[1, k] = output
-        out[2, k] = valve
-        out[3, k] = y
-        out[4, k] = pid_state[5]
+        x[:] = new
+        out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = measured, output, valve, y, pid_state[5]
     return setpoint.size

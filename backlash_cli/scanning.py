@@ -7,11 +7,10 @@ import numpy as np
 
 from .estimator.carry import carry_of, pack
 from .estimator.compensator import recommend
-from .estimator.confirm import confirm
+from .estimator.confirm import confirm, manual_stretches
 from .estimator.diagnosis import repeats, with_oscillation
 from .estimator.haegglund import DEFAULT_KP, INCOMPLETE, detect_oscillation, error_scanner, estimate, tally
 from .estimator.identify import identify, with_constant_setpoint
-from .estimator.manual_stretches import manual_stretches
 from .estimator.quality import data_quality
 from .estimator.reading import read_half_periods
 from .estimator.settings_check import check_settings, clocks, contradicts, follows

@@ -8,7 +8,7 @@ to OP and an answer of its own bring, each the mean of the two lengths that show
 forget would gain in its place: a load or a curved valve that is not linear gains for both. It counts near the width
 that explains most in the mean over all lengths: a gap that PV cannot answer, but explains far more, is not proved by
 what a fraction of it explains. Where there is a trace, those two lengths are asked again, with more rows and finer
-widths, for the size. What is excluded where there is no evidence is the matter of `exclusion`."""
+widths, for the size. What is excluded where there is no evidence is the matter of `width_profile`."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -16,18 +16,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, LoopSettings, Note, Record, duration
+from ..record import AT_LIMIT, FloatArray, Frozen, LoopSettings, Note, Record, SampleState, duration
 from ..results import Confirmation
 from ..words import noted
+from .control_law import output_made
 from .criteria import FEWEST_CROSSINGS
-from .exclusion import excluded
 from .gap_test import GapTest, answers_output, forgetting_gaps_in, gaps_in, gaps_tested, imitation_gains, stem_known
 from .predictor import Predictor, Recording, in_blocks, paired, predictor, recording_of
 from .quality import stored_as
-from .rebuild import output_made
 from .survey import measured
 from .wave import autocorrelation
-from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
+from .width_profile import NARROWEST, TRACE, TURN, about, confirmation, excluded, peak_of, width_interval
 
 Said = TypeVar("Said")
 PARTS_OF_TI, LONGEST = 8, 1.4  # of Ti: the shortest block is one part, or half of it; the longest, in Ti
@@ -45,6 +44,8 @@ LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imit
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
 DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
 HOLE = 20  # samples; a hole as long ends a recording
+LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
+MOST_TESTS = 12  # the last ones
 COARSE = 8.0  # samples per Ti, of a record with fewer than that the controller is sure to have seen OP turn in between
 
 
@@ -143,6 +144,36 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
         for values, level in ((found[-1].output, mean), (found[-1].measurement, found[-1].measurement.mean())):
             values -= level  # in place: long records
     return tuple(found)
+
+
+def manual_stretches(record: Record) -> list[Recording]:
+    """Return the stretches in manual in which OP went there and back, in % of span, the last MOST_TESTS of them.
+
+    Each with what lies before it; there it is not `usable`."""
+    index, state, output = record.index, record.state, record.output
+    if output is None or not (state == SampleState.MANUAL).any():
+        return []
+    from ..kernels import gap_crossings
+
+    by_hand = (state == SampleState.MANUAL) & (output > AT_LIMIT) & (output < 1.0 - AT_LIMIT)
+    lost = (state == SampleState.MISSING) | (state == SampleState.IMPLAUSIBLE)
+    rows = np.flatnonzero(by_hand)
+    others = np.cumsum(~by_hand & ~lost)
+    apart = np.flatnonzero((np.diff(others[rows]) > 0) | (np.diff(index[rows]) > HOLE)) + 1
+    holes = np.append(0, np.flatnonzero(np.diff(index) > HOLE) + 1)
+    found = []
+    for part in np.split(rows, apart):
+        if not len(part) or not gap_crossings(100.0 * output[part], NARROWEST):
+            continue
+        lead = min(part[-1] + 1 - part[0], LEAD)
+        first = max(part[0] - lead, holes[np.searchsorted(holes, part[0], side="right") - 1])
+        cut = slice(first, part[-1] + 1)
+        usable = by_hand[cut] & np.isfinite(record.measurement[cut])
+        usable[: part[0] - first] = False
+        if not usable.any():
+            continue
+        found.append(recording_of(index[cut], output[cut], record.measurement[cut], usable, scale=100.0))
+    return found[-MOST_TESTS:]
 
 
 def _asked(recordings: Sequence[Recording], moved: float, K: float | None, Ti: float, interval: float, rounding: float

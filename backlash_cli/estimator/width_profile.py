@@ -1,13 +1,28 @@
-"""How well PV is explained by gaps of each width: where the best one is, how well it is known, and what to report."""
+"""How well PV is explained by gaps of each width: where the best one is, how well it is known, and what to report; and
+which widths a record excludes.
+
+A dead band of L is excluded where gaps of L and more, as far as OP moved enough to tell, would have shown, had PV
+answered them as it answers OP, and where the chance that one hides all the same is small. That chance is calibrated on
+strange plants, a third of whose valves have play (`python -m tests.benchmarks.exclusion` fits it anew)."""
+
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit
 
 from ..record import FloatArray
 from ..results import Confirmation
+from .criteria import MOTION
+from .gap_test import GapTest
 
 NARROWEST = 0.4  # % of span: the narrowest width tried
 TURN = 0.9  # of the range of OP: wider gaps were never crossed in both directions
 TRACE, DROP = 3.0, 1.92  # nats: of evidence, a trace of a gap; of a likelihood, 95 %
+LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
+SMALLER = 0.85  # widths from this share of L on
+MOVED = 2.0  # range of OP over a dead band that it excludes
+WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs, by regression
+HIDDEN = 0.015  # chance that is left when a dead band is said to be excluded
 
 
 def about(widths: FloatArray, j: int, count: int) -> FloatArray:
@@ -53,3 +68,38 @@ def confirmation(d: float, interval: tuple[float, float], reduction: float, limi
     return Confirmation(d / 100.0, (interval[0] / 100.0, interval[1] / 100.0), reduction,
                         2.0 * float(details["evidence"]) - float(np.log(float(details["rows"]))),
                         None if limit is None else limit / 100.0, details, profile)
+
+
+def signs(tests: Sequence[GapTest], evidence: float, length: float, moved: float) -> FloatArray:
+    """What speaks for a dead band of L or more, for each L of LIMITS, (limits, 6): in the order of `WEIGHTS`, and the
+    nats that a gap of L would have brought.
+
+    tests: of each block length. evidence: of the record [nats]; length: in integral times; moved: how far OP did [% of
+    span]. The signs are what gaps of L and more explain in the mean over block lengths, by how much one of these is
+    above the mean at most, whatever the width, and the evidence, these three as sign times log1p; and the logs of
+    length and of moved over L."""
+    widths, limits = tests[0].widths, np.array(LIMITS)
+    gains = np.array([test.gain for test in tests])
+    mean = gains.mean(axis=0)
+    there = widths >= SMALLER * limits[:, None]
+    there[:, -1] = True
+    nearest = np.abs(np.log(widths / limits[:, None])).argmin(axis=1)
+    told = np.column_stack([np.where(there, mean, -np.inf).max(axis=1), np.full(len(limits), (gains - mean).max()),
+                            np.full(len(limits), evidence)])
+    expected = np.median([0.5 / np.maximum(test.deviation, 1e-6) ** 2 for test in tests], axis=0)[nearest]
+    return np.column_stack([np.sign(told) * np.log1p(np.abs(told)), np.full(len(limits), np.log(max(length, 1.0))),
+                            np.log(moved / limits), expected])
+
+
+def chance_hidden(signs: FloatArray) -> FloatArray:
+    """Chance (rows,) that a dead band hides behind such signs (rows, 5)."""
+    return np.asarray(expit(signs @ np.array(WEIGHTS) + CONSTANT))
+
+
+def excluded(tests: Sequence[GapTest], evidence: float, length: float, moved: float) -> float | None:
+    """The smallest of LIMITS [% of span] from which on no dead band hides in the record; None where there is none."""
+    found, limits = signs(tests, evidence, length, moved), np.array(LIMITS)
+    shown = found[:, -1] >= DROP
+    hidden = (chance_hidden(found[:, :-1]) > HIDDEN) | (~shown & (MOTION * limits <= moved))
+    beyond = int(np.append(-1, np.flatnonzero(hidden))[-1]) + 1
+    return LIMITS[beyond] if beyond < len(limits) and (shown & (MOVED * limits <= moved))[beyond] else None

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
-from ..estimator.rebuild import output_made
+from ..estimator.control_law import output_made
 from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold, runs
 from ..words import explained
 

@@ -1,4 +1,4 @@
-"""Fit the chance that a dead band hides, as `backlash_cli/estimator/exclusion.py` has it, on strangers' plants.
+"""Fit the chance that a dead band hides, as `backlash_cli/estimator/width_profile.py` has it, on strangers' plants.
 
     python -m tests.benchmarks.exclusion 1000 --seed 90000
 """
@@ -14,7 +14,7 @@ import statsmodels.api as sm
 
 from backlash_cli import read
 from backlash_cli.estimator.confirm import Study, confirm, study
-from backlash_cli.estimator.exclusion import LIMITS, signs
+from backlash_cli.estimator.width_profile import LIMITS, signs
 from backlash_cli.results import Confirmation
 from backlash_cli.scanning import COARSEST
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.exclusion import CONSTANT, HIDDEN, LIMITS, WEIGHTS, chance_hidden, excluded, signs
 from backlash_cli.estimator.gap_test import GapTest
+from backlash_cli.estimator.width_profile import CONSTANT, HIDDEN, LIMITS, WEIGHTS, chance_hidden, excluded, signs
 
 WIDTHS = np.array([0.5, 1.0, 2.0, 4.0, 8.0])
 

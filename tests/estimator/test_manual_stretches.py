@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.manual_stretches import MOST_TESTS, manual_stretches
+from backlash_cli.estimator.confirm import MOST_TESTS, manual_stretches
 from backlash_cli.record import Record, SampleState, record_from_arrays
 
 HOLD = 100

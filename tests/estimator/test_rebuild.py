@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backlash_cli.estimator.rebuild import output_made, rebuilt_output
+from backlash_cli.estimator.control_law import output_made, rebuilt_output
 from backlash_cli.record import LoopSettings, Record, record_from_arrays
 from tests.benchmarks.random_loops import draw
 from tests.benchmarks.strange_plant import swinging_door
