@@ -185,10 +185,9 @@ def window_of(wanted: float, rows: int) -> int:
     return int(np.clip(wanted, MIN_WINDOW, max(min(ROWS, rows // 6), MIN_WINDOW)))
 
 
-def _refused(explained: float, *, by_chance: bool = False, unseen: str = "proportional_part_unseen", **more: float
-             ) -> Note:
-    code = unseen if explained > LEAST_EXPLAINED and not by_chance else "not_this_controller"
-    return noted(code, {"r2": explained, **more}, explained=max(explained, 0.0))
+def _refused(share: float, by_chance: bool = False, unseen: str = "proportional_part_unseen", **more: float) -> Note:
+    code = unseen if share > LEAST_EXPLAINED and not by_chance else "not_this_controller"
+    return noted(code, {"r2": share, **more}, explained=max(share, 0.0))
 
 
 def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[Note, ...]) -> Identification:

@@ -51,9 +51,8 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     if K is None and Ti is None:
         return ()
     if isinstance(found, Note):  # whose controller it is not, that moves no valve of this loop
-        wrong = found.code == "not_this_controller" or (found.code == "integral_part_unseen" and Ti is not None
-                                                        and Ti >= LEAST_PER_TI * float(found.values["interval"]))
-        severity = {"severity": "contradict"} if wrong else {}
+        seen = (Ti or 0.0) >= LEAST_PER_TI * float(found.values.get("interval", np.inf))  # an I part would have been
+        severity = {"severity": "contradict"} if seen or found.code == "not_this_controller" else {}
         return (noted("settings_unchecked", {"why": found.code, **severity}, message=found.message),)
     notes = []
     if K is not None and K * found.K.value < 0 and all(x.ci95[0] * x.ci95[1] > 0 for x in (found.K, found.ratio)):

@@ -221,11 +221,9 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
     try:
         with opened() as file:
             book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
-    except ImportError:
-        raise InputError(**explained("no_calamine"), where=where) from None
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
-        problem = str(error).strip() or type(error).__name__
-        raise InputError(**explained("damaged_workbook", problem=problem), where=where) from None
+        code, problem = "no_calamine" if isinstance(error, ImportError) else "damaged_workbook", str(error).strip()
+        raise InputError(**explained(code, problem=problem or type(error).__name__), where=where) from None
     found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, text.encode("utf-8-sig"))) for sheet, rows in book.items()
              if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
@@ -276,6 +274,10 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         [lines[i][2] for i in last], [row[2] for row in lines[:30]]))
     cells = cache(lambda i: split_line(lines[i][2], delimiter))
     width = Counter(len(cells(i)) for i in last).most_common(1)[0][0]
+    full = next((len(row) for row in map(cells, range(min(HEAD_LINES, len(lines)))) if len(row) > width > 1 and
+                 [*map(kind, (row[0], row[1], row[width]))] == ["time", "number", "time"]), width)
+    if full > width:  # of pairs: a spreadsheet ends a row behind the last cell that is not blank
+        width, cells = full, cache(lambda i, own=cells: own(i) + [""] * (full - len(own(i))))
     enough = 6 if width > 300 else 24
     tail = [cells(i) for i in last if len(cells(i)) == width][-enough:]
     kinds = _column_kinds(tail, width)

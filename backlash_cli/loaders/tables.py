@@ -120,13 +120,16 @@ class TextTable:
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
             quoted_strings_can_be_null=True, strings_can_be_null=True, auto_dict_encode=True,
             auto_dict_max_cardinality=4096, true_values=["\x00"], false_values=["\x00"], **chosen)
-        before, mark = len(self._bad), re.escape(self.head.delimiter.encode())
+        before, mark, full, fitted = len(self._bad), re.escape(self.head.delimiter.encode()), len(names), block
         table = pa_csv.read_csv(pa.BufferReader(block), reading, parsing, converting)
-        if any(got > cells for cells, got, *_ in self._bad[before:]):  # blank cells behind the last column are none
-            row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, len(names) - 1, mark)
-            if (less := re.sub(rb"(?m)^(%b)%b[%b ]*(\r?)$" % (row, mark, mark), rb"\1\2", block)) != block:
-                del self._bad[before:]
-                return self._parsed(less, types)
+        for got in {min(bad[1], full + 1) for bad in self._bad[before:]}:  # blank cells behind the last column are none
+            if got > full or self.head.kinds[0] == self.head.kinds[got] == "time":  # or those of pairs that have ended
+                row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, min(got, full) - 1, mark)
+                less, more = mark + b"[%b ]*" % mark if got > full else b"", self.head.delimiter.encode() * (full - got)
+                fitted = re.sub(rb"(?m)^(%b)%b(\r?)$" % (row, less), lambda m, more=more: m[1] + more + m[2], fitted)
+        if fitted != block:
+            del self._bad[before:]
+            return self._parsed(fitted, types)
         return table
 
 

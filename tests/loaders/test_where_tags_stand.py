@@ -1,0 +1,186 @@
+"""Tags told apart by what stands beside them, tags without a signal, and files of one loop by day."""
+
+import numpy as np
+import pytest
+
+from backlash_cli import read
+from backlash_cli.errors import LoopError
+from backlash_cli.loaders.names import undated
+
+ROWS = 400
+K = np.arange(ROWS)
+STAMPS = [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d}" for k in K]
+
+
+def signals(seed):
+    rng = np.random.default_rng(seed)
+    pv = 50 + 5 * seed + np.sin(K / 7) + 0.1 * rng.normal(size=ROWS)
+    return {"SP": np.full(ROWS, 50.0 + 5 * seed), "PV": pv.round(3), "OP": (40 + 3 * np.cos(K / 9)).round(2)}
+
+
+def is_read(record, seed):
+    for name, values, (low, high) in (("PV", record.measurement, record.settings.pv_range),
+                                      ("SP", record.setpoint, record.settings.pv_range),
+                                      ("OP", record.output, record.settings.op_range)):
+        assert np.allclose(low + values * (high - low), signals(seed)[name], atol=1e-9), name
+    return True
+
+
+def long(path, head, row, places):
+    """A row per sample: the signals of one tag in each of several places."""
+    rows = [",".join(row(place, role).format(t=s, v=f"{x[k]:g}").split(","))
+            for k, s in enumerate(STAMPS) for seed, place in enumerate(places) for role, x in signals(seed).items()]
+    path.write_text("\n".join([head, *rows]) + "\n")
+
+
+@pytest.mark.parametrize("header", ["Module", "Tag", "TagName", "Point", "Object", "Name", "Entity", "Asset"])
+@pytest.mark.parametrize("parameter", ["PID1/{}.CV", "{}.CV", "PIDA.{}", "{}"])
+@pytest.mark.parametrize("modules", [("FIC-902", "TIC-903"), ("FIC-902",)])
+def test_the_module_of_a_block_names_the_loop(tmp_path, header, parameter, modules):
+    long(tmp_path / "plant.csv", f"{header},Parameter,Time,Value",
+         lambda module, role: f"{module},{parameter.format(role)},{{t}},{{v}}", modules)
+    plant = read(tmp_path / "plant.csv")
+    assert len(plant) == len(modules)
+    for seed, module in enumerate(modules):
+        (record,) = (r for r in plant if r.loop.startswith(module))
+        assert is_read(record, seed)
+
+
+@pytest.mark.parametrize("header", ["Unit", "Area", "Site"])
+def test_a_unit_tells_alike_tags_apart(tmp_path, header):
+    long(tmp_path / "plant.csv", f"{header},Tag,Time,Value", lambda unit, role: f"{unit},FIC121.{role},{{t}},{{v}}",
+         ("U1", "U2"))
+    plant = read(tmp_path / "plant.csv")
+    assert [r.loop for r in plant] == ["U1.FIC121", "U2.FIC121"]
+    assert all(is_read(plant[f"U{seed + 1}.FIC121"], seed) for seed in (0, 1))
+
+
+def test_a_unit_tells_alike_loops_apart_where_each_row_holds_one(tmp_path):
+    rows = [f"{s},U{seed + 1},FIC121," + ",".join(f"{x[k]:g}" for x in signals(seed).values())
+            for k, s in enumerate(STAMPS) for seed in (0, 1)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,Unit,Loop,SP,PV,OP", *rows]) + "\n")
+    plant = read(tmp_path / "plant.csv")
+    assert [r.loop for r in plant] == ["U1.FIC121", "U2.FIC121"]
+    assert all(is_read(plant[f"U{seed + 1}.FIC121"], seed) for seed in (0, 1))
+
+
+@pytest.mark.parametrize("places", [("U1",), ("",), ("t/h",)])
+def test_what_tells_no_tags_apart_is_no_part_of_their_names(tmp_path, places):
+    """One unit for all, none, or the unit of measurement, which is missing in some rows."""
+    unit = places[0]
+    long(tmp_path / "plant.csv", "Unit,Tag,Time,Value", lambda place, role: (
+        f"{'%' if unit == 't/h' and role == 'OP' else place},FIC121.{role},{{t}},{{v}}"), places)
+    if unit == "t/h":
+        text = (tmp_path / "plant.csv").read_text().splitlines()
+        (tmp_path / "plant.csv").write_text("\n".join(
+            line.replace("t/h,", ",") if k % 7 == 0 else line for k, line in enumerate(text)) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.loop == "FIC121" and is_read(record, 0)
+
+
+@pytest.mark.parametrize("tag", [
+    "10-FIC-101", "FIC-3", "FIC_2", "Area1.FIC109", "Plant/FIC5", "Tank 5", "Reactor Temp", "Drum Level"])
+@pytest.mark.parametrize("form", ["wide", "long"])
+def test_a_bare_tag_is_the_measurement_whatever_parts_it_has(tmp_path, tag, form):
+    if form == "wide":
+        rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
+        (tmp_path / "plant.csv").write_text("\n".join([f"Time,{tag}.SP,{tag},{tag}.OP", *rows]) + "\n")
+    else:
+        long(tmp_path / "plant.csv", "Tag,Time,Value", lambda name, role: (
+            name + f".{role}" * (role != "PV") + ",{t},{v}"), (tag,))
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.loop == tag and is_read(record, 0)
+    assert "bare_pv" in {note.code for note in record.notes}
+
+
+def test_a_bare_tag_of_a_loop_that_the_settings_spell_in_another_way(tmp_path):
+    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,Plant/FIC5/SP,Plant/FIC5,Plant/FIC5/OUT", *rows]) + "\n")
+    (tmp_path / "loops.toml").write_text("[loops.FIC5]\nTi = 20.0\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.loop == "FIC5" and is_read(record, 0)
+
+
+@pytest.mark.parametrize("names", [
+    ("FIC9 Setpoint", "FIC9 Flow", "FIC9 Output"), ("TIC_Oven_Setpoint", "TIC_Oven_Temperature", "TIC_Oven_Output"),
+    ("TIC5.SP", "TIC5.Temp", "TIC5.OP")])
+def test_a_quantity_beside_setpoint_and_output_is_the_measurement(tmp_path, names):
+    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",1.5" for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join([f"Time,{','.join(names)},XY1.PV", *rows]) + "\n")
+    assert is_read(read(tmp_path / "plant.csv").records[0], 0)
+
+
+def test_of_two_quantities_none_is_taken(tmp_path):
+    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",1.5" for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,TIC5.SP,TIC5.Temp,TIC5.OP,TIC5.Pressure", *rows]) + "\n")
+    with pytest.raises(LoopError, match=r"no measurement \(PV\) column"):
+        read(tmp_path / "plant.csv")
+
+
+@pytest.mark.parametrize("stem", [
+    "FIC719 22-Jul-2024", "FIC719_22Jul24", "FIC719_22_Jul_2024", "22-Jul-2024 FIC719", "FIC719_07-22-2024",
+    "07-22-2024 FIC719", "FIC719_2024-07", "FIC719 Jul 22", "FIC719-July22", "FIC719_Jul222024", "FIC719_22_Juli_2024",
+    "FIC719_2024072216", "FIC719_part1", "FIC719_day2", "FIC719_wk30", "FIC719 July 2024", "FIC719_20240722_160000",
+    "FIC719_20240722_01", "FIC719_2024.07.22"])
+def test_days_in_the_names_of_files(stem):
+    assert undated(stem) == "FIC719"
+
+
+@pytest.mark.parametrize("stem", ["FIC-2001-01", "TAG 5", "P_2024-13", "FIC719-2026", "PIC_day", "LIC_5", "FIC-12",
+                                  "FIC-1-12-2012", "FIC719_decanter", "FIC719_marine", "22.07.2024"])
+def test_names_of_files_without_a_day(stem):
+    assert undated(stem) == stem
+
+
+def test_a_loop_in_files_of_days_with_words_for_months(tmp_path):
+    for day in (22, 23):
+        rows = [s.replace("2026-03-17", f"2024-07-{day}") + "," + ",".join(f"{x[k]:g}" for x in signals(0).values())
+                for k, s in enumerate(STAMPS)]
+        (tmp_path / f"FIC719 {day}-Jul-2024.csv").write_text("\n".join(["Time,SP,PV,OP", *rows]) + "\n")
+    (tmp_path / "loops.toml").write_text("[loops.FIC719]\nTi = 20.0\n")
+    (record,) = read(tmp_path)
+    assert record.loop == "FIC719" and len(record) == 2 * ROWS and record.settings.Ti == 20.0
+
+
+@pytest.mark.parametrize("date", ["06/06/2024", "11-11-2024", "8/8/2024"])
+def test_a_day_that_is_its_month_is_one_day_either_way(tmp_path, date):
+    rows = [f"{date} {s[11:]}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC1.SP,FIC1.PV,FIC1.OP", *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    day, _, year = date.replace("-", "/").split("/")
+    assert record.start == np.datetime64(f"{year}-{int(day):02d}-{int(day):02d}T08:00:00").astype(int)
+
+
+def test_the_attribute_of_a_mode_is_no_mode(tmp_path):
+    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",AUTO,OPERATOR"
+            for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE,FIC1.MODATTR",
+                                                   *rows]) + "\n")
+    (record,) = read(tmp_path / "plant.csv")
+    assert record.usable.all() and is_read(record, 0)
+
+
+@pytest.mark.parametrize("block", [1 << 12, 1 << 22])
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize("ends", [3, 50, 390])
+def test_rows_of_pairs_that_end_behind_the_last_cell(tmp_path, monkeypatch, block, delimiter, ends):
+    """A spreadsheet leaves out the blank cells at the end of a row: here those of a setpoint that was stored rarely."""
+    monkeypatch.setattr("backlash_cli.loaders.opening.BLOCK", block)
+    monkeypatch.setattr("backlash_cli.loaders.opening.CHUNK", 1 << 10)
+    rows = []
+    for k, s in enumerate(STAMPS):
+        cells = [s, f"{signals(0)['PV'][k]:g}", s, f"{signals(0)['OP'][k]:g}"]
+        rows.append(delimiter.join([*cells, s, "50"] if k < ends else cells))
+    head = delimiter.join(["FIC1.PV", "", "FIC1.OP", "", "FIC1.SP", ""])
+    (tmp_path / "plant.csv").write_text("\n".join([head, *rows]) + "\n")
+    plant = read(tmp_path / "plant.csv")
+    assert is_read(plant["FIC1"], 0) and not [n for n in plant.warnings if n.code == "ragged_rows"]
+
+
+def test_a_row_of_pairs_that_ends_within_one_is_told(tmp_path):
+    pv, op = signals(0)["PV"], signals(0)["OP"]
+    rows = [",".join([s, f"{pv[k]:g}", s, f"{op[k]:g}", s, "50"]) for k, s in enumerate(STAMPS)]
+    rows[200] = ",".join(rows[200].split(",")[:3])
+    (tmp_path / "plant.csv").write_text("\n".join(["FIC1.PV,,FIC1.OP,,FIC1.SP,", *rows]) + "\n")
+    plant = read(tmp_path / "plant.csv")
+    assert [n.values["rows"] for n in plant.warnings if n.code == "ragged_rows"] == [1.0]
