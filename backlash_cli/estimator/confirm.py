@@ -147,9 +147,8 @@ def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -
 
 
 def manual_stretches(record: Record) -> list[Recording]:
-    """Return the stretches in manual in which OP went there and back, in % of span, the last MOST_TESTS of them.
-
-    Each with what lies before it; there it is not `usable`."""
+    """Return the stretches in manual in which OP went there and back, in % of span, the last MOST_TESTS of them;
+    each with what lies before it, which is not `usable`."""
     index, state, output = record.index, record.state, record.output
     if output is None or not (state == SampleState.MANUAL).any():
         return []

@@ -62,7 +62,7 @@ def kind_of(path: Path | Remote, magic: bytes = b"") -> str:
     """Return "parquet", "workbook", "archive" or "text" for what begins so. Raises InputError for what is no export."""
     try:
         if not path.is_file():
-            lost = isinstance(path, Path) and path.is_symlink()  # what it points to is not there
+            lost = isinstance(path, Path) and path.is_symlink() and not path.exists()
             raise InputError(**explained("closed_folder" if path.is_dir() else "not_found" if lost else "no_file"),
                              where=str(path))
         if not magic:
@@ -109,8 +109,8 @@ class Text:
                     if not codec:
                         raise
                     what = "the compressed stream ends too early" if isinstance(error, EOFError) else str(error)
-                    # with a wrong checksum any part may be wrong
-                    if total < 200 or isinstance(error, (gzip.BadGzipFile, BadZipFile)):
+                    # with a wrong checksum any part may be wrong; before foreign bytes all of it was whole
+                    if total < 200 or (isinstance(error, (gzip.BadGzipFile, BadZipFile)) and "Not a gzip" not in what):
                         raise InputError(**explained("damaged", kind=codec, problem=what), where=self.where) from None
                     self.notes.append(noted("truncated", file=self.where, codec=codec, problem=what))
                     return
@@ -199,15 +199,16 @@ def code_page(head: bytes) -> str:
 
 
 def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
-    """Return (path in it, what opens it) of the exports in a zip archive. Raises InputError without any."""
-    try:
-        archive = ZipFile(path.open("rb", buffering=0))
-        found = [(name, partial(archive.open, name)) for name in archive.namelist()
-                 if is_export(PurePosixPath(name).name)]
-        for _, opened in found:
-            opened().close()
-    except (BadZipFile, OSError, ValueError, RuntimeError) as error:  # damaged, encrypted, or packed in another way
-        raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
+    """Return (path in it, what opens it) of the exports in a zip archive. Both raise InputError, this without any."""
+    def tried(opened: Callable[..., Any], *arguments: Any) -> Any:
+        try:
+            return opened(*arguments)
+        except (BadZipFile, OSError, ValueError, RuntimeError) as error:  # damaged, encrypted, packed in another way
+            raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
+
+    archive = tried(lambda: ZipFile(path.open("rb", buffering=0)))
+    found = [(name, partial(tried, archive.open, name)) for name in archive.namelist()
+             if is_export(PurePosixPath(name).name)]
     if not found:
         raise InputError(**explained("empty_archive"), where=str(path))
     return found

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gzip
+import os
 import re
+import zipfile
 from datetime import timedelta
 
 import numpy as np
@@ -460,6 +462,42 @@ def test_of_a_truncated_file_what_is_whole_is_read(tmp_path, suffix, pack):
     text = wide(value=lambda t, v: f"{v + rng.random():.{9 if suffix == 'gz' else 60}f}")
     plant = read(save(tmp_path, pack(text.encode())[:-5000], f"plant.csv.{suffix}"))
     assert "truncated" in codes(plant.warnings) and 100 < len(plant["FIC101"]) < 600
+
+
+def test_other_bytes_behind_a_compressed_text_do_no_harm(tmp_path):
+    whole = wide()
+    plant = read(save(tmp_path, gzip.compress(whole.encode()) + b"GARBAGE" * 300, "plant.csv.gz"))
+    assert "truncated" in codes(plant.warnings) and len(plant["FIC101"]) == 600
+
+
+def test_of_an_archive_one_member_of_which_has_a_password_the_others_are_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / "plant.zip", "w") as archive:
+        archive.writestr("FIC101.csv", wide().replace("PIC303", "XIC303"))
+        archive.writestr("secret.csv", wide())
+    data = bytearray((tmp_path / "plant.zip").read_bytes())
+    data[data.rfind(b"PK\x03\x04") + 6] |= 1  # as if it were encrypted
+    data[data.rfind(b"PK\x01\x02") + 8] |= 1
+    (tmp_path / "plant.zip").write_bytes(data)
+    plant = read(tmp_path / "plant.zip")
+    assert len(plant["FIC101"]) == 600
+    (lost,) = plant.failures
+    assert "secret.csv" in lost.message and "password" in lost.message
+
+
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_cells_in_single_quotation_marks(tmp_path, delimiter):
+    quoted = "\n".join(delimiter.join(f"'{cell}'" for cell in line.split(",")) for line in wide().splitlines()) + "\n"
+    plant, plain = read(save(tmp_path, quoted)), read(save(tmp_path, wide(), "plain.csv"))
+    assert [r.loop for r in plant] == [r.loop for r in plain]
+    assert all(np.array_equal(one.measurement, other.measurement) for one, other in zip(plant, plain, strict=True))
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with a name on this system")
+def test_a_link_to_a_pipe_is_there_but_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "pipe")
+    with pytest.raises(InputError, match="not a regular file"):
+        read(tmp_path / "link.csv")
 
 
 def test_what_is_wrong_with_a_text_is_told_of_the_tables_in_it_too(tmp_path):
