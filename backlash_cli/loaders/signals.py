@@ -272,10 +272,10 @@ def _one_per_file(series: list[Series], role: str) -> tuple[list[Series], list[N
     notes, groups, chosen = list[Note](), defaultdict[str, list[Series]](list), list[Series]()
     for item in series:
         groups[item.axis.where].append(item)
-    words = SIGNALS.get(role, "").split()
     for where, items in groups.items():
         # FIC101.PV goes before FIC101.PV.MAX and "Deviation [FIC101.PV]"
-        ranks = [([*words, w := plain(s.signal)].index(w), len(s.tag) > len(s.loop) + len(s.signal) + 1) for s in items]
+        ranks = [([*SIGNALS.get(role, "").split(), w := plain(s.signal)].index(w),
+                  len(s.tag) > len(s.loop) + len(s.signal) + 1) for s in items] if items[1:] else [(0, False)]
         first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):
             names = some([item.tag for item in items])

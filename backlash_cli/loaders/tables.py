@@ -77,7 +77,7 @@ class TextTable:
                 table = self._parsed(block, dict.fromkeys(types))
             # a quotation mark that is not closed takes in the rows that follow, without a trace if no cell is missing
             counted = table.num_rows + sum(bad[2] for bad in self._bad[before:])
-            within = bytes(block).split(b'"')[1::2] if b'"' in block and block.count(b"\n") > counted else []
+            within = bytes(block).split(b'"')[1::2] if self._quoted and block.count(b"\n") > counted else []
             self._bad += [(0, 0, lost, part[:KEPT].decode(errors="replace")) for part in within if (
                 lost := sum(line.count(mark) + 1 == len(self.head.names) for line in part.split(b"\n")[1:]))]
             if self._bad and not first_bad:
@@ -101,7 +101,7 @@ class TextTable:
                 "file": self.where}, line=first_bad, got=got, cells=cells, text=text[:40], other=other)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None) -> pa.Table:
-        names = [f"c{i}" for i in range(len(self.head.names))]  # two columns of the file may be called the same
+        names, self._quoted = [f"c{i}" for i in range(len(self.head.names))], b'"' in block  # they may be alike
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             lines, text = 1 + row.text.count("\n"), row.text[:KEPT] * (len(self._bad) < SHOWN)
@@ -115,8 +115,8 @@ class TextTable:
         size = max(1 << 20, min(len(block), LEAST // 3 * block.find(b"\n")))  # warm in the cache, and not of few rows
         reading = pa_csv.ReadOptions(column_names=names, use_threads=threads, block_size=size if all(
             block.find(b"\n", at, at + size) >= 0 for at in range(0, len(block), size)) else len(block))  # long lines
-        parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=(quoted := b'"' in block),
-                                      quote_char=quoted and '"', invalid_row_handler=on_bad_row)
+        parsing = pa_csv.ParseOptions(delimiter=self.head.delimiter, newlines_in_values=self._quoted,
+                                      quote_char=self._quoted and '"', invalid_row_handler=on_bad_row)
         converting = pa_csv.ConvertOptions(decimal_point=self.head.decimal, null_values=["", " ", *BLANK],
             quoted_strings_can_be_null=True, strings_can_be_null=True, auto_dict_encode=True,
             auto_dict_max_cardinality=4096, true_values=["\x00"], false_values=["\x00"], **chosen)
