@@ -28,7 +28,7 @@ def play(u: NDArray[Any], d: float, start: float) -> NDArray[Any]:
     out = np.empty_like(u)
     x, half = start, 0.5 * d
     for k in range(len(u)):
-        x = min(max(x, u[k] - half), u[k] + half)
+        x = min(max(x, u[k] - half), u[k] + half) if d != 0.0 else u[k]
         out[k] = x
     return out
 

@@ -159,9 +159,9 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     stamps, used = stamp_columns(head, options)
     texts = [i for i in head.texts if i not in used]
     named = sorted((i for i in texts + head.ids if head.plain[i] in GROUPS or i in head.loops), key=lambda i: (
-        head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))
+        head.plain[i] not in LOOP, i in head.ids, -len(head.words(i)), -i))[: kind == "tall"]
     naming = name_columns(head, texts) or tuple(head.ids[:1]) if kind == "long" else (
-        *[i for i in head.places if i not in named[:1]], *named[:1])[: None if kind == "tall" else 0]
+        *[i for i in head.places if named and i not in named], *named)
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
     values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
