@@ -286,3 +286,9 @@ def test_effects_of_installed_packages_are_found_by_plain_name(tmp_path, monkeyp
         assert [e.name for e in all_effects()][-1] == "play"
     finally:
         all_effects.cache_clear()
+
+
+def test_play_without_a_gap_is_what_goes_in_holes_as_well() -> None:
+    u = np.array([0.0, 1.0, np.nan, 2.0, -0.0, 0.3])
+    assert play(u, 0.0, 0.5).tobytes() == u.tobytes()
+    assert play(u, 0.5, 0.0).tolist() == [0.0, 0.75, 0.75, 1.75, 0.25, 0.25]
