@@ -1,7 +1,5 @@
 """Which loops of a plant are wanted, and from when on: names, wildcards, expressions, a sample; a moment or an age."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import re
@@ -98,8 +96,8 @@ def parse_since(text: str, timezone: str | None = None) -> tuple[int | None, int
     raise UsageError(**explained("since", text=text), where="--since")
 
 
-def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, timezone: str | None
-          ) -> tuple[dict[str, LoopSeries], list[Note], int]:
+def since(loops: "Mapping[str, LoopSeries]", found: "Iterable[Series]", when: str, timezone: str | None
+          ) -> "tuple[dict[str, LoopSeries], list[Note], int]":
     """Take off what lies before a moment, or before an age of the last stamp of all series found. Return the loops that
     are left, what is to be said, and the moment [microseconds since 1970 UTC]. Of signals with rows of their own the
     last value before stays. Raises UsageError without times, InputError when no loop is left."""
@@ -111,7 +109,7 @@ def since(loops: Mapping[str, LoopSeries], found: Iterable[Series], when: str, t
     moment = last - age if given is None else given
 
     @cache  # loops may share their rows
-    def cut(axis: Axis, keep_one: bool) -> Axis:
+    def cut(axis: "Axis", keep_one: bool) -> "Axis":
         micros = axis.read()
         keep = (micros >= moment) | (micros == NAT)
         if keep_one and not keep.all():

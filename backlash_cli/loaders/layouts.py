@@ -239,8 +239,8 @@ def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
         rest = [i for i in heads if i not in roles and not is_column(head.names[i], "ignored", "quality")]
         group = [i for i in rest if head.plain[i] in GROUPS | LOOP]
         groups = [i for i in group if head.plain[i] != "measurement"] or (
-            [i for i in rest if i in named] or group or rest)  # a tag tells more than a measurement of InfluxDB
-        found = [max(groups, key=lambda i: (head.plain[i] in LOOP, len(heads[i]))), roles[0]] if groups else found
+            [i for i in rest if i in named] or group or rest or head.ids)  # a tag tells more than a measurement
+        found = [max(groups, key=lambda i: (head.plain[i] in LOOP, len(head.words(i)))), roles[0]] if groups else found
     return (*sorted(beside.difference(found), key=lambda i: len(head.words(i))), *found) if found else ()
 
 
@@ -301,12 +301,14 @@ def signals_of(head: Head, layout: Layout, options: ReadOptions, blank: Collecti
     folders or file are called completes a header that names no loop; "value" stands for what its time column is."""
     pairs, marks, tags, stem = layout.kind == "pairs", {*chain(*layout.quality.values())}, head.tags, head.stem
     signals = [i for i in layout.values if pairs or (i not in marks and (tags[i].role or i not in blank))]
-    loops = {tags[i].role: tags[i].loop for i in signals if tags[i].role in ("sp", "pv", "op")}
-    bare = [i for i in signals if not tags[i].role and "pv" not in loops and (
+    stems = {i for i in signals if head.plain[i] in COLUMNS["stem"]}  # lie behind the play: no OP beside a demand
+    main = [i for i in signals if i not in stems] if {tags[i].role for i in {*signals} - stems} >= {"op"} else signals
+    loops = {tags[i].role: tags[i].loop for i in main if tags[i].role in ("sp", "pv", "op")}
+    bare = [i for i in main if not (tags[i].role or tags[i].loop) and "pv" not in loops and (
         tags[i].signal == loops.get("sp") or (loops.get("sp") == "" and head.plain[i] in COLUMNS["quantity"]))]
     # Flow Set Point, Flow, Valve Demand: in words and not by a tag
     in_words = {"sp", "op"} <= loops.keys() and ("pv" in loops or len(bare) == 1) and len({*loops.values()}) > 1 and (
-        len(loops) == sum(tags[i].role in loops for i in signals) and not re.search(r"\d", "".join(loops.values())))
+        len(loops) == sum(tags[i].role in loops for i in main) and not re.search(r"\d", "".join(loops.values())))
     alone = not pairs and (in_words or any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)) and not (
         len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])  # of one loop
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)

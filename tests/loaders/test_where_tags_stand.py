@@ -184,3 +184,75 @@ def test_a_row_of_pairs_that_ends_within_one_is_told(tmp_path):
     (tmp_path / "plant.csv").write_text("\n".join(["FIC1.PV,,FIC1.OP,,FIC1.SP,", *rows]) + "\n")
     plant = read(tmp_path / "plant.csv")
     assert [n.values["rows"] for n in plant.warnings if n.code == "ragged_rows"] == [1.0]
+
+
+def columns(tmp_path, head, more=()):
+    """A file of one loop: time, SP, PV, OP and what else stands beside them."""
+    extra = [[f"{x:g}" if not isinstance(x, str) else x for x in column] for column in more]
+    rows = [",".join([s, *(f"{x[k]:g}" for x in signals(0).values()), *(c[k] for c in extra)])
+            for k, s in enumerate(STAMPS)]
+    (tmp_path / "FIC7.csv").write_text("\n".join([head, *rows]) + "\n")
+    return read(tmp_path / "FIC7.csv")
+
+
+STEM = 40 + np.cos(K / 9 - 0.4)
+
+
+@pytest.mark.parametrize("head", [
+    "Time,Flow setpoint,Flow,Valve demand,Valve position feedback", "Time,Flow SP,Flow,Valve OP,Valve Position",
+    "Time,Flow SP,Flow PV,Controller Output,Valve Position",
+    "Time,Pressure setpoint,Pressure,Output,Actual valve position",
+    "Time,Flow Setpoint,Flow,Valve Demand,Valve Feedback"])
+def test_where_the_stem_stands_is_no_output_beside_the_demand(tmp_path, head):
+    (record,) = columns(tmp_path, head, [STEM])
+    assert record.loop == "FIC7" and is_read(record, 0)
+
+
+def test_where_the_stem_stands_is_the_output_where_there_is_no_other(tmp_path):
+    (record,) = columns(tmp_path, "Time,Flow SP,Flow,Valve Position")
+    assert record.loop == "FIC7" and is_read(record, 0)
+
+
+def test_a_second_temperature_beside_a_loop_in_words(tmp_path):
+    (record,) = columns(tmp_path, "Time,Temperature Setpoint,Temperature,Heater Output,Ambient Temperature", [STEM / 2])
+    assert record.loop == "FIC7" and is_read(record, 0)
+
+
+@pytest.mark.parametrize(("name", "automatic", "manual"), [
+    (name, *("TRUE", "FALSE")) for name in ("IsAuto", "InAuto", "AutoActive", "ModeAuto", "Auto_On")] + [
+    ("IsManual", "FALSE", "TRUE"), ("ModeNum", "1", "0"), ("AUTO_SEL", "1", "0")])
+@pytest.mark.parametrize("loop", ["", "TIC700."])
+def test_flags_of_the_mode(tmp_path, name, automatic, manual, loop):
+    head = ",".join(["Time", *(f"{loop}{signal}" for signal in ("SP", "PV", "OP", name))])
+    mode = [manual if 100 <= k < 170 else automatic for k in K]
+    (record,) = columns(tmp_path, head, [mode])
+    assert np.flatnonzero(~record.usable).tolist() == list(range(100, 170)) and is_read(record, 0)
+
+
+@pytest.mark.parametrize("names", ["SP1,PV1,OUT1", "sp1,pv1,out1", "SP12,PV12,CO12", "SP1,PV1,CV1",
+                                   "SetPoint,ProcessValue,ControlVariable",
+                                   "Setpoint,Temperature,Heater Power", "Settpunkt,Måling,Pådrag", "WorkingSP,PV,OP"])
+def test_outputs_of_channels_and_heaters(tmp_path, names):
+    assert is_read(columns(tmp_path, f"Time,{names}").records[0], 0)
+
+
+def test_the_working_setpoint_goes_before_the_target(tmp_path):
+    (record,) = columns(tmp_path, "Time,FIC7.WorkingSP,FIC7.PV,FIC7.OP,FIC7.TargetSP", [np.full(ROWS, 20.0)])
+    assert is_read(record, 0)
+
+
+@pytest.mark.parametrize("name", ["millis", "Milliseconds", "time_ms", "Elapsed [milliseconds]"])
+def test_milliseconds_by_their_names(tmp_path, name):
+    rows = [f"{500 * k}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k in K]
+    (tmp_path / "FIC7.csv").write_text("\n".join([f"{name},Setpoint,Input,Output", *rows]) + "\n")
+    (record,) = read(tmp_path / "FIC7.csv")
+    assert record.interval == 0.5 and is_read(record, 0)
+
+
+@pytest.mark.parametrize("header", ["loop,signal", "loop_id,parameter", "controller,parameter"])
+def test_loops_that_are_numbers_beside_a_column_of_signals(tmp_path, header):
+    long(tmp_path / "plant.csv", f"Time,{header},value", lambda loop, role: f"{{t}},{loop},{role},{{v}}",
+         ("101", "102"))
+    plant = read(tmp_path / "plant.csv")
+    assert [r.loop for r in plant] == ["101", "102"]
+    assert is_read(plant["101"], 0) and is_read(plant["102"], 1)
