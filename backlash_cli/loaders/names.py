@@ -126,7 +126,8 @@ def split_tag(text: str) -> Tag:
     last, cut = plain(parts[-1][1]), parts[-1].start()
     if plain(name[parts[-2].start() :]) in COLUMNS["quality"]:  # FIC101.PV_is_good
         last, cut = "quality", parts[-2].start()
-    marks = is_column(last, "quality") or (last in COLUMNS["fault"] and is_whole(name[:cut]))
+    marks = (is_column(last, "quality") and not signal_role(name[parts[-2].start() :])) or (  # Auto Status is a mode
+        last in COLUMNS["fault"] and is_whole(name[:cut]))
     if (marks or last in COLUMNS["time"]) and len(name) <= NESTED_LIMIT:
         return Tag(split_tag(name[:cut]).loop, "quality" if marks else "time", parts[-1][1], of=name[:cut])
     rest = name[parts[0].end() :].strip(" .-_/:|")
@@ -145,7 +146,6 @@ def split_tag(text: str) -> Tag:
                 # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
                 loop = found[1] if (found := re.fullmatch(rf"({_TAG}),?\s[^\d.]*", name[:cut])) else name[:cut]
                 return Tag(loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
-    first = signal_role(parts[0][1])
-    if first and len(parts[0][1]) > 1 and not is_column(parts[-1][1], "time"):  # PV_FIC101
-        return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])
+    if len(parts[0][1]) > 1 and (first := signal_role(parts[0][1])) and not is_column(parts[-1][1], "time"):
+        return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])  # PV_FIC101
     return Tag(name[: parts[-1].start()], "", parts[-1][1])

@@ -220,7 +220,7 @@ def test_a_second_temperature_beside_a_loop_in_words(tmp_path):
 
 @pytest.mark.parametrize(("name", "automatic", "manual"), [
     (name, *("TRUE", "FALSE")) for name in ("IsAuto", "InAuto", "AutoActive", "ModeAuto", "Auto_On")] + [
-    ("IsManual", "FALSE", "TRUE"), ("ModeNum", "1", "0"), ("AUTO_SEL", "1", "0")])
+    ("IsManual", "FALSE", "TRUE"), ("ModeNum", "1", "0"), ("AUTO_SEL", "1", "0"), ("Auto Status", "ON", "OFF")])
 @pytest.mark.parametrize("loop", ["", "TIC700."])
 def test_flags_of_the_mode(tmp_path, name, automatic, manual, loop):
     head = ",".join(["Time", *(f"{loop}{signal}" for signal in ("SP", "PV", "OP", name))])
