@@ -51,7 +51,7 @@ def check_settings(settings: LoopSettings, found: Identification | Note) -> tupl
     if K is None and Ti is None:
         return ()
     if isinstance(found, Note):  # whose controller it is not, that moves no valve of this loop
-        seen = (Ti or 0.0) >= LEAST_PER_TI * float(found.values.get("interval", np.inf))  # an I part would have been
+        seen = (Ti or 0.0) > COARSE * float(found.values.get("interval", np.inf))  # an I part would have been
         severity = {"severity": "contradict"} if seen or found.code == "not_this_controller" else {}
         return (noted("settings_unchecked", {"why": found.code, **severity}, message=found.message),)
     notes = []

@@ -21,7 +21,7 @@ DOUBLED = 2.0  # evidence for the same confidence where data are limited, and fo
 LIMITED = "limits"
 SWINGING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
 COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
-STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
+STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # in manual as well; the second clears none either
 BLURRED = (*STORAGE, "interpolated", "output_compressed")  # the controller's law is not seen
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
@@ -226,8 +226,8 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         return Decision(Verdict.CANNOT_TELL, (trace,), 0.0, None)
     if foreign:
         return Decision(Verdict.CANNOT_TELL, foreign, 0.0, None)
-    coarse = tuple(note for note in f.quality if note.code in COARSE)
-    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or any(n.code == COARSE[0] for n in coarse):
+    coarse, codes = tuple(note for note in f.quality if note.code in COARSE), {note.code for note in f.quality}
+    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or {COARSE[0], STORAGE[1]} & codes:
         values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")
         few = noted("little_information", {"output_range": span, **values}, what=what)
         return Decision(Verdict.CANNOT_TELL, (*coarse, few), 0.0, None)

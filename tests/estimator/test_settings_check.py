@@ -94,7 +94,8 @@ def test_a_check_that_is_not_possible_says_why() -> None:
 
 
 @pytest.mark.parametrize(("code", "Ti", "severe"), [
-    ("integral_part_unseen", 28.0, True), ("integral_part_unseen", 4.0, False),
+    ("integral_part_unseen", 28.0, True), ("integral_part_unseen", 1.5, False),
+    ("integral_part_unseen", 1.6, True),
     ("integral_part_unseen", None, False), ("not_this_controller", 28.0, True),
     ("proportional_part_unseen", 28.0, False)])
 def test_an_output_without_the_integral_part_that_is_given_is_not_of_this_controller(code, Ti, severe):

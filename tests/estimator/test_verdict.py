@@ -102,6 +102,21 @@ def test_compressed_pv_needs_both_methods():
     assert decide(findings(quality=limits, cluster=None)).verdict is Verdict.SUSPECTED
 
 
+@pytest.mark.parametrize(("code", "cleared"), [("compressed_linear", False), ("compressed_held", True)])
+def test_a_swinging_door_clears_no_valve(code, cleared):
+    limits = (Note(code, "", {"effect": "limits"}),)
+    decision = decide(findings(quality=limits, cluster=None, confirmation=NOTHING))
+    assert decision.verdict is (Verdict.NO_BACKLASH if cleared else Verdict.CANNOT_TELL)
+    assert code in codes(decision.reasons)
+
+
+@pytest.mark.parametrize("code", ["settings_unchecked", "settings_contradicted", "settings_action_sign"])
+def test_settings_that_the_data_contradict_clear_no_valve(code):
+    limits = (Note(code, "", {"effect": "limits", "severity": "contradict"}),)
+    decision = decide(findings(quality=limits, cluster=None, confirmation=NOTHING))
+    assert decision.verdict is Verdict.CANNOT_TELL and codes(decision.reasons) == [code]
+
+
 @pytest.mark.parametrize("code", ["settings_unchecked", "settings_contradicted", "settings_action_sign"])
 def test_two_methods_prove_nothing_of_an_output_that_this_controller_did_not_make(code):
     limits = (Note(code, "", {"effect": "limits", "severity": "contradict"}),)
