@@ -103,7 +103,7 @@ def since(loops: "Mapping[str, LoopSeries]", found: "Iterable[Series]", when: st
     last value before stays. Raises UsageError without times, InputError when no loop is left."""
     given, age = parse_since(when, timezone)
     newest = [np.sort(m[m != NAT])[-4:].tolist() or [NAT] for m in (a.read() for a in {s.axis for s in found})]
-    last = max(max(x for x in top if x - top[0] < 2e6 * _UNITS["d"]) for top in newest)  # three may be stray
+    last = max(max(x for x in top if x - top[0] < 2 * _UNITS["d"] * 1e6) for top in newest)  # three may stray
     if last == NAT:
         raise UsageError("the data have no times", where=f"--since {when}", remedy="leave --since out")
     moment = last - age if given is None else given

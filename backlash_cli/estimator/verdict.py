@@ -20,9 +20,10 @@ HEALTHY = 0.92  # of the strange loops that were cleared
 DOUBLED = 2.0  # evidence for the same confidence where data are limited, and for a call from a completed OP and such PV
 LIMITED = "limits"
 SWINGING = 0.5  # share of the record; with no half period of 5 Ti it is a limit cycle, which no gain heals
-COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples: the first clears none
-STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # in manual as well; the second clears none either
-BLURRED = (*STORAGE, "interpolated", "output_compressed")  # the controller's law is not seen
+COARSE = ("sampling_too_coarse", "sampling_coarse")  # a worn valve hides between samples
+STORAGE = ("compressed_held", "compressed_linear", "scanned_slowly")  # hold for tests in manual as well
+BLURRED = {*STORAGE, "interpolated", "output_compressed"}  # the controller's law is not seen
+BLIND = {"sampling_too_coarse", "compressed_linear"}  # play hides between samples, and between those that were kept
 DECIDED, SEEN = (Verdict.BACKLASH, Verdict.NO_BACKLASH), (Verdict.BACKLASH, Verdict.SUSPECTED)
 TOO_FEW = {"weak_evidence", "few_reversals", "single_event", "size_unknown"}  # what a second test makes good
 DISPUTED, JOINT = 0.6, 0.9  # confidence where manual and automatic speak against each other, and for each other
@@ -193,13 +194,12 @@ def _in_automatic(f: Findings) -> Decision:
 
 
 def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
-    weighed, limits, of = weigh(c, output_step=f.output_step), f.limits, f.cluster
+    weighed, limits, of, codes = weigh(c, output_step=f.output_step), f.limits, f.cluster, {n.code for n in f.quality}
     imitated = float(c.details.get("imitation", 0.0)) / max(float(c.details.get("gain", 0.0)), 1e-9)
     evidence, origin = float(c.details["evidence"]), said(f"of_output:{c.details['output']}")
     sure = confidence(evidence / (DOUBLED if limits else 1.0), by_hand(c), imitated)
     agree = f.tight is not None and abs(f.tight.d - c.d) <= AGREE * c.d
-    # of an OP that this controller did not make both methods may err; between few records it cannot be told
-    foreign = () if any(note.code in BLURRED for note in f.quality) else tuple(filter(contradicts, limits))
+    foreign = () if codes & BLURRED else tuple(filter(contradicts, limits))  # of another OP both methods may err
     reasons = [_explained(c), noted("play_or_stiction")]
     if of is not None and of.n >= ENOUGH:
         reasons.append(noted("methods_agree" if agree else "methods_differ",
@@ -226,8 +226,8 @@ def _from_confirmation(f: Findings, c: Confirmation) -> Decision:
         return Decision(Verdict.CANNOT_TELL, (trace,), 0.0, None)
     if foreign:
         return Decision(Verdict.CANNOT_TELL, foreign, 0.0, None)
-    coarse, codes = tuple(note for note in f.quality if note.code in COARSE), {note.code for note in f.quality}
-    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or {COARSE[0], STORAGE[1]} & codes:
+    coarse = tuple(note for note in f.quality if note.code in COARSE)
+    if limit is None or limit > (CLEARED_TESTED if by_hand(c) else CLEARED) or codes & BLIND:
         values, what = ({}, "no size") if limit is None else ({"limit": limit}, f"only {100 * limit:.2g} % and more")
         few = noted("little_information", {"output_range": span, **values}, what=what)
         return Decision(Verdict.CANNOT_TELL, (*coarse, few), 0.0, None)

@@ -207,8 +207,7 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
             raise InputError(**explained("damaged_archive", problem=error), where=str(path)) from None
 
     archive = tried(lambda: ZipFile(path.open("rb", buffering=0)))
-    found = [(name, partial(tried, archive.open, name)) for name in archive.namelist()
-             if is_export(PurePosixPath(name).name)]
+    found = [(n, partial(tried, archive.open, n)) for n in archive.namelist() if is_export(PurePosixPath(n).name)]
     if not found:
         raise InputError(**explained("empty_archive"), where=str(path))
     return found

@@ -50,7 +50,7 @@ class TextTable:
         self.text, self.where, self.notes = text, text.where, text.notes
         self.head = head_of(text, stem, home)
         self._bad: list[tuple[int, int, int, str]] = []  # cells expected and found, lines, text
-        self.named_again = False  # lines or cells below rows name something
+        self.named_again = self._quoted = False  # lines or cells below rows name something; the last block has quotes
         first = self._parsed(text.head[self.head.offset : self.head.end], None)
         if first.num_rows == 0:
             below = " below the header" + "; a quotation mark is not closed" * (text.head.count(b'"') % 2)
@@ -287,7 +287,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
         columns = [i for i in columns if i in needed or i in blank]
     readers = [StampReader([head.names[i] for i in pair], options, head.where, [head.parts.get(i, "") for i in pair],
                            head.start, head.interval, head.decimal == ",") for pair in layout.stamps]
-    raw, store, tags, blank = Store(room), Store(room), dict[str, int](), set(columns)
+    raw, store, keys, blank = Store(room), Store(room), dict[str, int](), set(columns)
     words: dict[int, dict[str, int]] = {i: {} for i in columns}
     further = dict.fromkeys(layout.values, layout.further)
     above = {i: pa.nulls(1, pa.string()) for i in (*layout.naming, *(day for day, *rest in layout.stamps if rest)) if (
@@ -311,7 +311,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             if i in blank and (codes is not None or not np.isnan(values).all()):
                 blank.remove(i)
         if layout.naming:
-            piece["group"] = _numbered(batch, layout.naming, head, tags)
+            piece["group"] = _numbered(batch, layout.naming, head, keys)
         raw.add(piece)
     # of words that are the same behind their last digit, as numbers with a unit are, one is looked at
     told = {_TO_DIGIT.sub("", word): word for own in words.values() for word in own}.values()
@@ -324,8 +324,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where,
                  first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
-        names = _tags(tags, any(head.plain[i] in LOOP for i in layout.naming[:-1]))
-        return _by_tag(axes[0], store, names, blank, head, layout)
+        tags = _tags(keys, any(head.plain[i] in LOOP for i in layout.naming[:-1]))
+        return _by_tag(axes[0], store, tags, blank, head, layout)
     return _on_axes(signals_of(head, layout, options, blank), axes, layout)
 
 
@@ -336,8 +336,8 @@ def _on_axes(signals: list[Series], axes: list[Axis], layout: Layout) -> list[Se
 
 
 def _numbered(batch: Batch, naming: Sequence[int], head: Head, keys: dict[str, int]) -> NDArray[np.int32]:
-    """Return the number of each row's key, the cells that name its tag; -1 for none, such as a header in between; new
-    keys are added."""
+    """Return the number of each row's key, the cells that name its tag; -1 for none, such as a header in between, or a
+    signal without its loop; new keys are added."""
     header, column = "\0".join(head.names[i].strip() for i in naming), batch[naming[0]]
     column = column.cast(pa.int64(), safe=False) if pa.types.is_floating(column.type) else column
     if len(naming) > 1:
@@ -360,8 +360,9 @@ def _tags(keys: Collection[str], of_loop: bool) -> list[str]:
     least = 1 + (of_loop or any(BLOCK.fullmatch(f".{t.loop}") or (t.role in SIGNALS and not t.loop) for t in tags))
     while cells and len(cells[0]) > least and len({(*own[1:],) for own in cells}) == len(cells):
         cells = [own[1:] for own in cells]
-    return [".".join([*filter(None, own[:-1]), tag.signal if own[1:] and tag.role in SIGNALS and not re.search(
-        r"\d", tag.loop) else own[-1]]) for own, tag in zip(cells, tags, strict=True)]  # pid_sp of a loop is its SP
+    for own, tag in zip(cells, tags, strict=True):  # pid_sp of a loop is its SP
+        own[-1] = tag.signal if own[1:] and tag.role in SIGNALS and not re.search(r"\d", tag.loop) else own[-1]
+    return [".".join(filter(None, own)) for own in cells]
 
 
 def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout

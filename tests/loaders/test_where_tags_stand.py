@@ -26,9 +26,28 @@ def is_read(record, seed):
     return True
 
 
+def cells(k, seed=0):
+    """SP, PV and OP of one row of a wide file."""
+    return ",".join(f"{x[k]:g}" for x in signals(seed).values())
+
+
+def columns(tmp_path, head, more=(), stamps=STAMPS, name="FIC7.csv"):
+    """A file of one loop: time, SP, PV, OP and what else stands beside them."""
+    extra = [[x if isinstance(x, str) else f"{x:g}" for x in column] for column in more]
+    rows = [",".join([s, cells(k), *(column[k] for column in extra)]) for k, s in enumerate(stamps)]
+    (tmp_path / name).write_text("\n".join([head, *rows]) + "\n")
+    return read(tmp_path / name)
+
+
+def are_read(plant, loops):
+    """Each of the loops, in this order, has the signals of its place."""
+    assert [r.loop for r in plant] == loops
+    return all(is_read(plant[loop], seed) for seed, loop in enumerate(loops))
+
+
 def long(path, head, row, places):
     """A row per sample: the signals of one tag in each of several places."""
-    rows = [",".join(row(place, role).format(t=s, v=f"{x[k]:g}").split(","))
+    rows = [row(place, role).format(t=s, v=f"{x[k]:g}")
             for k, s in enumerate(STAMPS) for seed, place in enumerate(places) for role, x in signals(seed).items()]
     path.write_text("\n".join([head, *rows]) + "\n")
 
@@ -50,18 +69,13 @@ def test_the_module_of_a_block_names_the_loop(tmp_path, header, parameter, modul
 def test_a_unit_tells_alike_tags_apart(tmp_path, header):
     long(tmp_path / "plant.csv", f"{header},Tag,Time,Value", lambda unit, role: f"{unit},FIC121.{role},{{t}},{{v}}",
          ("U1", "U2"))
-    plant = read(tmp_path / "plant.csv")
-    assert [r.loop for r in plant] == ["U1.FIC121", "U2.FIC121"]
-    assert all(is_read(plant[f"U{seed + 1}.FIC121"], seed) for seed in (0, 1))
+    assert are_read(read(tmp_path / "plant.csv"), ["U1.FIC121", "U2.FIC121"])
 
 
 def test_a_unit_tells_alike_loops_apart_where_each_row_holds_one(tmp_path):
-    rows = [f"{s},U{seed + 1},FIC121," + ",".join(f"{x[k]:g}" for x in signals(seed).values())
-            for k, s in enumerate(STAMPS) for seed in (0, 1)]
+    rows = [f"{s},U{seed + 1},FIC121,{cells(k, seed)}" for k, s in enumerate(STAMPS) for seed in (0, 1)]
     (tmp_path / "plant.csv").write_text("\n".join(["Time,Unit,Loop,SP,PV,OP", *rows]) + "\n")
-    plant = read(tmp_path / "plant.csv")
-    assert [r.loop for r in plant] == ["U1.FIC121", "U2.FIC121"]
-    assert all(is_read(plant[f"U{seed + 1}.FIC121"], seed) for seed in (0, 1))
+    assert are_read(read(tmp_path / "plant.csv"), ["U1.FIC121", "U2.FIC121"])
 
 
 @pytest.mark.parametrize("places", [("U1",), ("",), ("t/h",)])
@@ -83,21 +97,18 @@ def test_what_tells_no_tags_apart_is_no_part_of_their_names(tmp_path, places):
 @pytest.mark.parametrize("form", ["wide", "long"])
 def test_a_bare_tag_is_the_measurement_whatever_parts_it_has(tmp_path, tag, form):
     if form == "wide":
-        rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
-        (tmp_path / "plant.csv").write_text("\n".join([f"Time,{tag}.SP,{tag},{tag}.OP", *rows]) + "\n")
+        (record,) = columns(tmp_path, f"Time,{tag}.SP,{tag},{tag}.OP", name="plant.csv")
     else:
         long(tmp_path / "plant.csv", "Tag,Time,Value", lambda name, role: (
             name + f".{role}" * (role != "PV") + ",{t},{v}"), (tag,))
-    (record,) = read(tmp_path / "plant.csv")
+        (record,) = read(tmp_path / "plant.csv")
     assert record.loop == tag and is_read(record, 0)
     assert "bare_pv" in {note.code for note in record.notes}
 
 
 def test_a_bare_tag_of_a_loop_that_the_settings_spell_in_another_way(tmp_path):
-    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
-    (tmp_path / "plant.csv").write_text("\n".join(["Time,Plant/FIC5/SP,Plant/FIC5,Plant/FIC5/OUT", *rows]) + "\n")
     (tmp_path / "loops.toml").write_text("[loops.FIC5]\nTi = 20.0\n")
-    (record,) = read(tmp_path / "plant.csv")
+    (record,) = columns(tmp_path, "Time,Plant/FIC5/SP,Plant/FIC5,Plant/FIC5/OUT", name="plant.csv")
     assert record.loop == "FIC5" and is_read(record, 0)
 
 
@@ -105,16 +116,13 @@ def test_a_bare_tag_of_a_loop_that_the_settings_spell_in_another_way(tmp_path):
     ("FIC9 Setpoint", "FIC9 Flow", "FIC9 Output"), ("TIC_Oven_Setpoint", "TIC_Oven_Temperature", "TIC_Oven_Output"),
     ("TIC5.SP", "TIC5.Temp", "TIC5.OP")])
 def test_a_quantity_beside_setpoint_and_output_is_the_measurement(tmp_path, names):
-    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",1.5" for k, s in enumerate(STAMPS)]
-    (tmp_path / "plant.csv").write_text("\n".join([f"Time,{','.join(names)},XY1.PV", *rows]) + "\n")
-    assert is_read(read(tmp_path / "plant.csv").records[0], 0)
+    plant = columns(tmp_path, f"Time,{','.join(names)},XY1.PV", [np.full(ROWS, 1.5)], name="plant.csv")
+    assert is_read(plant.records[0], 0)
 
 
 def test_of_two_quantities_none_is_taken(tmp_path):
-    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",1.5" for k, s in enumerate(STAMPS)]
-    (tmp_path / "plant.csv").write_text("\n".join(["Time,TIC5.SP,TIC5.Temp,TIC5.OP,TIC5.Pressure", *rows]) + "\n")
     with pytest.raises(LoopError, match=r"no measurement \(PV\) column"):
-        read(tmp_path / "plant.csv")
+        columns(tmp_path, "Time,TIC5.SP,TIC5.Temp,TIC5.OP,TIC5.Pressure", [np.full(ROWS, 1.5)], name="plant.csv")
 
 
 @pytest.mark.parametrize("stem", [
@@ -134,9 +142,8 @@ def test_names_of_files_without_a_day(stem):
 
 def test_a_loop_in_files_of_days_with_words_for_months(tmp_path):
     for day in (22, 23):
-        rows = [s.replace("2026-03-17", f"2024-07-{day}") + "," + ",".join(f"{x[k]:g}" for x in signals(0).values())
-                for k, s in enumerate(STAMPS)]
-        (tmp_path / f"FIC719 {day}-Jul-2024.csv").write_text("\n".join(["Time,SP,PV,OP", *rows]) + "\n")
+        columns(tmp_path, "Time,SP,PV,OP", stamps=[s.replace("2026-03-17", f"2024-07-{day}") for s in STAMPS],
+                name=f"FIC719 {day}-Jul-2024.csv")
     (tmp_path / "loops.toml").write_text("[loops.FIC719]\nTi = 20.0\n")
     (record,) = read(tmp_path)
     assert record.loop == "FIC719" and len(record) == 2 * ROWS and record.settings.Ti == 20.0
@@ -144,19 +151,15 @@ def test_a_loop_in_files_of_days_with_words_for_months(tmp_path):
 
 @pytest.mark.parametrize("date", ["06/06/2024", "11-11-2024", "8/8/2024"])
 def test_a_day_that_is_its_month_is_one_day_either_way(tmp_path, date):
-    rows = [f"{date} {s[11:]}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k, s in enumerate(STAMPS)]
-    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC1.SP,FIC1.PV,FIC1.OP", *rows]) + "\n")
-    (record,) = read(tmp_path / "plant.csv")
+    stamps = [f"{date} {s[11:]}" for s in STAMPS]
+    (record,) = columns(tmp_path, "Time,FIC1.SP,FIC1.PV,FIC1.OP", stamps=stamps, name="plant.csv")
     day, _, year = date.replace("-", "/").split("/")
     assert record.start == np.datetime64(f"{year}-{int(day):02d}-{int(day):02d}T08:00:00").astype(int)
 
 
 def test_the_attribute_of_a_mode_is_no_mode(tmp_path):
-    rows = [f"{s}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) + ",AUTO,OPERATOR"
-            for k, s in enumerate(STAMPS)]
-    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE,FIC1.MODATTR",
-                                                   *rows]) + "\n")
-    (record,) = read(tmp_path / "plant.csv")
+    (record,) = columns(tmp_path, "Time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE,FIC1.MODATTR",
+                        [["AUTO"] * ROWS, ["OPERATOR"] * ROWS])
     assert record.usable.all() and is_read(record, 0)
 
 
@@ -184,15 +187,6 @@ def test_a_row_of_pairs_that_ends_within_one_is_told(tmp_path):
     (tmp_path / "plant.csv").write_text("\n".join(["FIC1.PV,,FIC1.OP,,FIC1.SP,", *rows]) + "\n")
     plant = read(tmp_path / "plant.csv")
     assert [n.values["rows"] for n in plant.warnings if n.code == "ragged_rows"] == [1.0]
-
-
-def columns(tmp_path, head, more=()):
-    """A file of one loop: time, SP, PV, OP and what else stands beside them."""
-    extra = [[f"{x:g}" if not isinstance(x, str) else x for x in column] for column in more]
-    rows = [",".join([s, *(f"{x[k]:g}" for x in signals(0).values()), *(c[k] for c in extra)])
-            for k, s in enumerate(STAMPS)]
-    (tmp_path / "FIC7.csv").write_text("\n".join([head, *rows]) + "\n")
-    return read(tmp_path / "FIC7.csv")
 
 
 STEM = 40 + np.cos(K / 9 - 0.4)
@@ -243,9 +237,7 @@ def test_the_working_setpoint_goes_before_the_target(tmp_path):
 
 @pytest.mark.parametrize("name", ["millis", "Milliseconds", "time_ms", "Elapsed [milliseconds]"])
 def test_milliseconds_by_their_names(tmp_path, name):
-    rows = [f"{500 * k}," + ",".join(f"{x[k]:g}" for x in signals(0).values()) for k in K]
-    (tmp_path / "FIC7.csv").write_text("\n".join([f"{name},Setpoint,Input,Output", *rows]) + "\n")
-    (record,) = read(tmp_path / "FIC7.csv")
+    (record,) = columns(tmp_path, f"{name},Setpoint,Input,Output", stamps=[f"{500 * k}" for k in K])
     assert record.interval == 0.5 and is_read(record, 0)
 
 
@@ -253,6 +245,4 @@ def test_milliseconds_by_their_names(tmp_path, name):
 def test_loops_that_are_numbers_beside_a_column_of_signals(tmp_path, header):
     long(tmp_path / "plant.csv", f"Time,{header},value", lambda loop, role: f"{{t}},{loop},{role},{{v}}",
          ("101", "102"))
-    plant = read(tmp_path / "plant.csv")
-    assert [r.loop for r in plant] == ["101", "102"]
-    assert is_read(plant["101"], 0) and is_read(plant["102"], 1)
+    assert are_read(read(tmp_path / "plant.csv"), ["101", "102"])
