@@ -17,7 +17,7 @@ from .errors import BacklashError
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 NAT = np.iinfo(np.int64).min  # among stamps: no time
-PIECE = 1 << 15  # samples taken at once: what is worked out in between stays in the processor's cache
+PIECE = 1 << 17  # samples taken at once: what is worked out in between stays in the processor's cache
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
 
 

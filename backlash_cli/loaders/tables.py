@@ -33,7 +33,7 @@ from .sources import Source, stem_of, told_by
 from .states import mode_words
 from .times import StampReader, micros_of
 
-TOGETHER, LEAST = 2 << 20, 1500  # cells of text that are one piece, and rows at least: few to look at
+TOGETHER, LEAST, MOST = 8 << 20, 1500, 1 << 19  # cells of text that are one piece, rows at least and at most
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
 BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
@@ -88,7 +88,7 @@ class TextTable:
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
             del block  # its memory, warm in the cache, is that of the next one
             line, rows = line + counted, sum(one.num_rows for one in tables)
-            if tables and (table.schema != tables[0].schema or rows > max(TOGETHER // len(types), LEAST)):
+            if tables and (table.schema != tables[0].schema or rows > min(max(TOGETHER // len(types), LEAST), MOST)):
                 yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
                 tables = []
             tables.append(table)
@@ -127,7 +127,7 @@ class TextTable:
                 row = rb'(?:[^"\n%b]*%b){%d}[^"\n%b]*?' % (mark, mark, min(got, full) - 1, mark)
                 less, more = mark + b"[%b ]*" % mark if got > full else b"", self.head.delimiter.encode() * (full - got)
                 fitted = re.sub(rb"(?m)^(%b)%b(\r?)$" % (row, less), lambda m, more=more: m[1] + more + m[2], fitted)
-        if fitted != block:
+        if fitted is not block and fitted != block:  # each is some megabytes
             del self._bad[before:]
             return self._parsed(fitted, types)
         return table
