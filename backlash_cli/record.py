@@ -200,8 +200,6 @@ def record_from_arrays(setpoint: object, measurement: object, output: object | N
               if x is not None and np.isfinite(x).any()}
     notes = tuple(Note("not_in_spans", f"{name} is {value:.4g} in the middle: sizes and limits are right for parts of "
                        "the span only, 0 to 1") for name, value in middle.items() if abs(value - 0.5) > 1.0)
-    bad = ~np.isfinite(pv) | ~np.isfinite(sp)
-    if op is not None:
-        bad |= ~np.isfinite(op)
-    state = np.where(bad, SampleState.MISSING, SampleState.GOOD).astype(np.uint8)
+    good = np.isfinite([x for x in (pv, sp, op) if x is not None]).all(axis=0)
+    state = np.where(good, SampleState.GOOD, SampleState.MISSING).astype(np.uint8)
     return Record(loop, start, interval, np.arange(len(pv), dtype=np.int64), sp, pv, op, state, own, extra, notes)

@@ -49,7 +49,6 @@ def step(state: FloatArray, value: float, p: FloatArray) -> float:
 
 def whole(values: FloatArray, p: FloatArray, interval: float) -> FloatArray:
     from ..kernels import play
-
     return np.asarray(play(values, p[0], values[0] + 0.5 * p[0] * p[1]))
 
 

@@ -72,7 +72,6 @@ def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray
     with delay = (n+f) h, a = exp(-h/tau), e = exp(-(1-f) h/tau) (Astrom and Wittenmark, Computer-Controlled
     Systems, section 3.2)."""
     from ..kernels import lag
-
     whole = int(delay / h)
     a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))
     return np.asarray(lag(u, a, e - a, 1.0 - e, whole))

@@ -125,7 +125,6 @@ class Effect(Frozen):
     def run(self, state: FloatArray, values: object, p: FloatArray) -> FloatArray:
         """Send (samples,) through the effect from `state`, which is changed in place; returns (samples,)."""
         from ..kernels import run_steps
-
         array = np.ascontiguousarray(values, dtype=np.float64)
         if (machine := compiled(self.step)) is None:
             return np.array([self.step(state, value, p) for value in array])
@@ -151,7 +150,6 @@ def compiled(step: Callable[..., float]) -> Any | None:
     from numba.core.errors import NumbaError
 
     from ..kernels import STEP_SIGNATURE
-
     # without numba's reference counts a step runs four times as fast; a step that makes arrays cannot do without
     options: list[dict[str, Any]] = [{"cache": cache, "_nrt": counts} for cache in (True, False)
                                      for counts in (False, True)]

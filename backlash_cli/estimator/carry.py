@@ -76,7 +76,6 @@ def _travel(record: Record) -> float | None:
     if not len(output):
         return None
     from ..kernels import play
-
     path = play(output, SMALLEST_MOVE, output[0])
     return float(np.abs(np.diff(path)).sum()) / (len(output) * record.interval / 3600.0)
 

@@ -40,9 +40,9 @@ WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 IMITATED = 0.5  # of what imitations gain is taken off
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
-LEAST_INTERVAL, IMPERFECTION = 0.08, 0.3  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+LEAST_INTERVAL, IMPERFECTION = 0.1, 0.45  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
-DOUBT = 0.2  # of what imitations gain [nats]: differences of gains are no better known than that
+DOUBT = 0.3  # of what imitations gain [nats]: differences of gains are no better known than that
 HOLE = 20  # samples; a hole as long ends a recording
 LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
 MOST_TESTS = 12  # the last ones
@@ -84,7 +84,6 @@ class Study(Frozen):
     def crossed(self, d: float) -> int:
         """How often OP, in automatic, went through a gap of d [%] and back."""
         from ..kernels import gap_crossings
-
         return sum(gap_crossings(r.output[r.usable], d) for r in self.recordings)
 
     def excludes(self, evidence: float) -> float | None:
@@ -153,7 +152,6 @@ def manual_stretches(record: Record) -> list[Recording]:
     if output is None or not (state == SampleState.MANUAL).any():
         return []
     from ..kernels import gap_crossings
-
     by_hand = (state == SampleState.MANUAL) & (output > AT_LIMIT) & (output < 1.0 - AT_LIMIT)
     lost = (state == SampleState.MISSING) | (state == SampleState.IMPLAUSIBLE)
     rows = np.flatnonzero(by_hand)

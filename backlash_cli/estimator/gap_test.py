@@ -27,12 +27,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, Frozen, IntArray
-from .predictor import LEAST_ROWS, Predictor
+from .predictor import LEAST_ROWS, RESOLUTION, Predictor
 
 COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the stem stands
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
+ANSWERED = 12.0  # nats that past OP must tell of PV: of a valve that never moves it tells less than 8
 FREE_LAGS = 4  # of an answer of its own, to a gap or to an imitation
 SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # Ti: how long an answer is watched, when it must have come; few lags tell less
 NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
@@ -73,7 +74,6 @@ def full(share: FloatArray) -> NDArray[np.bool_]:
 def gaps_in(output: FloatArray, widths: FloatArray, size: int) -> FloatArray:
     """How far the stem lags behind OP in gaps of `widths`, in its units: block means (widths, blocks)."""
     from ..kernels import gap_means
-
     return np.asarray(gap_means(output, widths, size, len(output) // size))
 
 
@@ -86,7 +86,6 @@ def stem_known(output: FloatArray, widths: FloatArray) -> IntArray:
 def forgetting_gaps_in(output: FloatArray, widths: FloatArray, size: int, memory: float) -> FloatArray:
     """The same of gaps that forget within SCALES of `memory` [samples], (widths times scales, blocks)."""
     from ..kernels import forgetting_gap_means
-
     rates = np.minimum(1.0, 1.0 / (np.array(SCALES) * memory))
     means = forgetting_gap_means(output, widths, rates, size, len(output) // size)
     return np.asarray(means.reshape(-1, means.shape[-1]))
@@ -112,16 +111,17 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     degrees = counts.sum(axis=1) - len(H)  # of freedom
     to_columns = (counts * y) @ H.T
     solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
-    error, solved = counts * (y - solved[..., -1] @ H), solved[..., :-1]
-    floor = (p.loss - float(p.error @ p.error)) * (counts @ p.weights) / np.sum(p.weights)
-    loss = np.maximum(np.sum(error**2, axis=1) + floor, NO_ANSWER * p.loss)  # no row may count
+    error, solved, alone = counts * (y - solved[..., -1] @ H), solved[..., :-1], solved[..., -1]
+    floor = (p.loss - float(y @ y - p.coefficients @ (H @ y))) * (counts @ p.weights) / np.sum(p.weights)
+    floor += counts @ y**2
+    loss = np.maximum(floor - np.sum(alone * to_columns, axis=1), NO_ANSWER * p.loss)  # no row may count
     gram, right = base, to_columns  # they become those of the tied fit
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
     right[:, at] += G @ y
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
-    left = counts @ y**2 - np.sum(b * right, axis=1) + floor
+    left = floor - np.sum(b * right, axis=1)
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
@@ -142,9 +142,11 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
 
 
 def answers_output(p: Predictor, K: float | None, Ti: float, interval: float) -> bool:
-    """Whether PV's answer to OP, as the prediction has it, is one of a process. K, Ti, interval: as `gaps_tested`."""
-    b = p.coefficients[None]
-    return bool(_possible(p, b, b[:, p.past_output], K, Ti, interval, SEEN_TIED)[0])
+    """Whether past OP tells of PV, and PV's answer to it is one of a process. K, Ti, interval: as `gaps_tested`."""
+    at, b = p.past_output, p.coefficients[None]
+    told = b[0, at] @ np.linalg.solve(np.linalg.inv(p.gram)[at, at], b[0, at])  # by how much the loss would grow
+    seen = 0.5 * p.rows * np.log1p(told / p.loss) >= ANSWERED
+    return bool(seen and _possible(p, b, b[:, at], K, Ti, interval, SEEN_TIED)[0])
 
 
 def imitation_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
@@ -164,7 +166,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     left = own - np.swapaxes(cross, 1, 2) @ solved
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
-    diagonal += 1e-9
+    diagonal += 1e-9 + RESOLUTION**2 * float(np.sum(p.weights))
     answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
     beside = p.coefficients - (solved @ answer)[..., 0]
     return _gain(np.sum(answer[..., 0] * right, axis=1) / p.loss, p.rows - len(p.columns)), answer[..., 0], beside

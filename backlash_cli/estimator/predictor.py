@@ -12,7 +12,9 @@ moves with the operating point. Two things make it hold on loads that do not loo
                 dead band, which passes large moves and swallows small ones, would be found in every such loop.
     weights     errors count as Student's t with 4 degrees of freedom, so that single shocks do not rule.
 
-Blocks are regressed on what lies before them only: under feedback OP answers PV, never the other way within a block."""
+Blocks are regressed on what lies before them only: under feedback OP answers PV, never the other way within a block.
+OP counts as known to RESOLUTION. What is finer the controller made of samples of PV that were not recorded: an OP to
+its last digit tells of PV as a sensor does, and what PV answers to it cannot be seen beside that."""
 
 from collections.abc import Sequence
 
@@ -29,6 +31,7 @@ FREEDOM = 4.0  # of Student's t
 ROUNDS, STANDS = 4, 0.05  # of the weights, at most; change of the variance, as a share, from which they stand
 RIDGE = 1e-8  # of the diagonal: columns that repeat each other do no harm
 LEVELS = 50  # at most: of more recordings, neighbours share one
+RESOLUTION = 0.03  # % of span: no valve follows OP closer than that
 MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better than that, however little noise there is
 
 
@@ -85,7 +88,7 @@ class Predictor(Frozen):
     columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
     the weights (rows,), so that sums over rows are weighted ones. coefficients, gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
-    loss: sum of squared errors, that of an imperfect model included. every: how many rows were there for each taken."""
+    loss: sum of squared errors, of an imperfect model and of OP included. every: how many rows there were for each."""
 
     size: int
     lags: Lags
@@ -178,7 +181,9 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
         own = np.repeat(np.eye(levels)[:, level_of[i], None], len(rows), axis=1)
         linear.append(np.vstack([own, _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1), means[:1, rows]]))
     H = np.concatenate(linear, axis=1)
-    first = _fitted(H[:-1], H[-1])[0]
+    output, recent = levels + lags.count, len(_last_lengths(recordings[0].size))
+    unsure = np.repeat([0.0, RESOLUTION**2], [output, lags.count])
+    first = _fitted(H[:-1], H[-1], unsure)[0]
     answers = lags.spread(first[levels:].reshape(2, -1))  # of every block, also those that are not taken
     missed = [recordings[i].means[0, whole[i]] - first[level_of[i]] - sum(
         np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)) for i in taken]
@@ -193,14 +198,16 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
                     for k in range(1, count + 1)]
         more.append(np.vstack([_just_before(recordings[i], rows), np.array(products), surprises]))
     y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
-    H = H[np.any(H != 0.0, axis=1)]
+    rest = len(H) - len(unsure) - 2 * recent
+    unsure = np.append(unsure, np.repeat([0.0, RESOLUTION**2, 0.0], [recent, recent, rest]))
+    H, unsure = (x[np.any(H != 0.0, axis=1)] for x in (H, unsure))
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
         return None
-    b, w, H, gram = _fitted(H, y)
+    b, w, H, gram = _fitted(H, y, unsure)
     y = y * np.sqrt(w)
     error = y - b @ H
-    floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2)
-    output, latest, recent = levels + lags.count, levels + 2 * lags.count, len(_last_lengths(recordings[0].size))
+    floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2 + float(unsure @ b**2))
+    latest = output + lags.count
     return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(error @ error) + floor,
                      slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, tuple(taken),
                      tuple(whole[i][t] for i, t in taken.items()))
@@ -226,7 +233,6 @@ def _just_before(b: Blocks, rows: NDArray[np.int64]) -> FloatArray:
 def _lags_of(signals: FloatArray, lags: Lags, rows: NDArray[np.int64], count: int = 0) -> FloatArray:
     """The first `count` lags, or all, of block means (signals, blocks) before the rows, (signals, lags, rows)."""
     from ..kernels import lagged_means
-
     fine = min(count or lags.fine, lags.fine)
     return np.asarray(lagged_means(signals, rows, fine, (count or lags.count) - fine))
 
@@ -245,8 +251,10 @@ def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64
     return np.array([*single, (total[end] - total[np.maximum(end - SURPRISE_SPAN, 0)]) / SURPRISE_SPAN])
 
 
-def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of y regressed on H: coefficients (columns,), Student weights (rows,), H times their root, its Gram matrix."""
+def _fitted(H: FloatArray, y: FloatArray, unsure: FloatArray
+            ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of y regressed on H: coefficients (columns,), Student weights (rows,), H times their root, its Gram matrix.
+    unsure: (columns,) variance of the errors in H."""
     w, weighted, variance = np.ones(len(y)), np.empty_like(H), np.inf
     for again in range(ROUNDS + 1):
         root = np.sqrt(w)
@@ -254,7 +262,7 @@ def _fitted(H: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
         gram = weighted @ weighted.T
         diagonal = np.einsum("ii->i", gram)  # a view
         diagonal *= 1.0 + RIDGE
-        diagonal += 1e-12
+        diagonal += 1e-12 + np.sum(w) * unsure
         b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ (root * y)), dtype=np.float64)
         error = y - b @ H
         before, variance = variance, float(np.mean(w * error**2))

@@ -105,7 +105,6 @@ def mean_cycle(measurement: FloatArray, output: FloatArray, period: float, actio
     action: sign of the controller gain K, 0 where it is not known and is read from the phase. With PI control OP leads
     PV by 90 to 180 degrees for a positive K and lags it by up to 90 degrees for a negative one."""
     from ..kernels import play
-
     # less the mean over one period around each sample only the oscillation and faster parts stay
     pv, op = (values - moving_mean(values, period) for values in (measurement, output))
     smooth = moving_mean(pv, period / 16.0)

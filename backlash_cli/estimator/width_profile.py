@@ -21,8 +21,8 @@ TRACE, DROP = 3.0, 1.92  # nats: of evidence, a trace of a gap; of a likelihood,
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER = 0.85  # widths from this share of L on
 MOVED = 2.0  # range of OP over a dead band that it excludes
-WEIGHTS, CONSTANT = (1.29, -0.867, 0.131, -0.566, 1.203), -2.496  # of the signs, by regression
-HIDDEN = 0.015  # chance that is left when a dead band is said to be excluded
+WEIGHTS, CONSTANT = (1.506, -0.991, 0.217, -0.349, 0.799), -2.831  # of the signs, by regression
+HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
 def about(widths: FloatArray, j: int, count: int) -> FloatArray:

@@ -33,9 +33,9 @@ from .sources import Source, stem_of, told_by
 from .states import mode_words
 from .times import StampReader, micros_of
 
-TOGETHER, LEAST, MOST = 8 << 20, 1500, 1 << 19  # cells of text that are one piece, rows at least and at most
+TOGETHER, LEAST, MOST = 2 << 20, 1500, 1 << 19  # cells of one piece, in memory 4 times as many; its rows
 FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
-BATCH_CELLS, BATCH_ROWS, HEAD_ROWS = 1 << 22, 1 << 19, 4000  # of Parquet that are read at once, and looked at first
+HEAD_ROWS = 4000  # of Parquet that are looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 KEPT, SHOWN = 200, 50  # characters of a line that is dropped, and lines of which they are
 _TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
@@ -57,8 +57,8 @@ class TextTable:
             raise InputError(**explained("no_rows", below=below), where=self.where)
         self.head = replace(self.head, columns=tuple(first.columns))
 
-    def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
-        """Yield the columns that are asked for, some rows at a time; to be called once. stamps: columns of stamps."""
+    def batches(self, columns: Collection[int], stamps: Collection[int], size: int) -> Iterator[Batch]:
+        """Yield the columns that are asked for, about `size` cells at a time, once. stamps: which are stamps."""
         types: dict[int, pa.DataType | None] = {}
         for i in {*columns, *stamps}:  # as their first rows are, numbers as float64 and words as a dictionary
             kind = self.head.columns[i].type
@@ -88,17 +88,17 @@ class TextTable:
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
             del block  # its memory, warm in the cache, is that of the next one
             line, rows = line + counted, sum(one.num_rows for one in tables)
-            if tables and (table.schema != tables[0].schema or rows > min(max(TOGETHER // len(types), LEAST), MOST)):
+            if tables and (table.schema != tables[0].schema or rows > min(max(size // len(types), LEAST), MOST)):
                 yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
                 tables = []
             tables.append(table)
         yield dict(zip(types, pa.concat_tables(tables).columns, strict=True))
         if self._bad:
-            (cells, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
-            other = next((mark for mark in DELIMITERS[:-1] if text.count(mark) == cells - 1 > 0), "")
+            (full, got, _, text), rows = self._bad[0], float(sum(bad[2] for bad in self._bad))
+            other = next((mark for mark in DELIMITERS[:-1] if text.count(mark) == full - 1 > 0), "")
             code = "ragged_rows:delimiter" if other else "ragged_rows"
-            self.notes += [noted("ragged_rows:quote" if rows > len(self._bad) or not cells else code, {"rows": rows,
-                "file": self.where}, line=first_bad, got=got, cells=cells, text=text[:40], other=other)]
+            self.notes += [noted("ragged_rows:quote" if rows > len(self._bad) or not full else code, {"rows": rows,
+                "file": self.where}, line=first_bad, got=got, cells=full, text=text[:40], other=other)]
 
     def _parsed(self, block: bytes | bytearray, types: dict[int, pa.DataType | None] | None) -> pa.Table:
         names, self._quoted = [f"c{i}" for i in range(len(self.head.names))], b'"' in block  # they may be alike
@@ -187,10 +187,10 @@ class ParquetTable:
             [word for own in words for word in own if kind(word) == "number"], "."))
         self.decimal, self.notes, self.named_again = self.head.decimal, list[Note](), False
 
-    def batches(self, columns: Collection[int], stamps: Collection[int]) -> Iterator[Batch]:
-        """Yield the columns that are asked for, some rows at a time."""
+    def batches(self, columns: Collection[int], stamps: Collection[int], size: int) -> Iterator[Batch]:
+        """Yield the columns that are asked for, about `size` cells at a time."""
         wanted = sorted({*columns, *stamps})
-        for batch in open_parquet(self.path).iter_batches(min(BATCH_ROWS, 1 + BATCH_CELLS // len(wanted)),
+        for batch in open_parquet(self.path).iter_batches(min(MOST, 1 + size // len(wanted)),
                                                           columns=[self._names[i] for i in wanted], use_threads=False):
             table = pa.Table.from_batches([batch]).flatten()
             yield {i: table.column(self._names[i]) for i in wanted}
@@ -292,7 +292,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     further = dict.fromkeys(layout.values, layout.further)
     above = {i: pa.nulls(1, pa.string()) for i in (*layout.naming, *(day for day, *rest in layout.stamps if rest)) if (
         is_text(head.columns[i].type) and 2 * head.columns[i].null_count > len(head.columns[i]))}
-    for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}):
+    size = min(max(TOGETHER, room.left >> 3), 4 * TOGETHER)  # in memory fewer pieces need putting together
+    for batch in table.batches([*columns, *layout.naming, *layout.further], {*chain(*layout.stamps)}, size):
         for i, last in above.items():  # a report, as merged cells, names tag or day in the first row of its block
             cells = pa.concat_arrays([last, batch[i].cast(pa.string()).combine_chunks()])
             cells = pc.fill_null_forward(pc.if_else(pc.equal(cells, head.names[i]), None, cells))  # no header again

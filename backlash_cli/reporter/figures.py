@@ -119,7 +119,6 @@ def trend(record: Record, report: LoopReport, window: slice | None = None, point
 def stem_of(output: FloatArray, size: float) -> FloatArray:
     """Return where the stem is, (samples,) [span]: OP through a gap of `size`; it stays where OP is not known."""
     from ..kernels import play
-
     known = hold(output)
     return np.asarray(play(known, size, float(known[0]))) if np.isfinite(output).any() else output
 

@@ -171,20 +171,30 @@ def test_a_pv_rounded_to_few_levels_under_a_load_that_swings_is_no_dead_band(see
     assert scan(rounded).verdict not in (Verdict.BACKLASH, Verdict.SUSPECTED, Verdict.NO_BACKLASH)
 
 
-def test_absence_is_proved_by_one_event_no_more_than_presence(healthy: Record, monkeypatch: pytest.MonkeyPatch):
-    ramp = replace(healthy, output=np.linspace(0.4, 0.5, len(healthy)) + 0.02 * healthy.output)  # never back
-    for record, limit in ((healthy, 0.015), (ramp, None)):
+@pytest.fixture(scope="module")
+def answers() -> Record:
+    """A healthy loop whose setpoint moves OP, and PV answers."""
+    moved = np.repeat(np.random.default_rng(3).normal(0.5, 0.02, 60), 100)
+    return replace(run(Loop(noise=0.0003), 6000, load=0.2 * STEPS, setpoint=moved), settings=SETTINGS)
+
+
+def test_absence_is_proved_by_one_event_no_more_than_presence(answers: Record, monkeypatch: pytest.MonkeyPatch):
+    ramp = replace(answers, output=np.linspace(0.4, 0.5, len(answers)) + 0.02 * answers.output)  # never back
+    for record, limit in ((answers, 0.015), (ramp, None)):
         with monkeypatch.context() as patched:
             patched.setattr("backlash_cli.estimator.confirm.excluded", lambda *_: 1.5)
             assert confirm(record).limit_of_detection == limit
 
 
-def test_a_valve_that_never_moved_has_more_play_than_op_could_show(healthy: Record, monkeypatch: pytest.MonkeyPatch):
-    """Its PV wanders by itself, and OP, which follows, excludes nothing."""
-    wander = 0.5 + 0.004 * lfilter([1.0], [1.0, -0.98], np.random.default_rng(3).normal(size=len(healthy)))
-    error = healthy.setpoint - wander
-    stuck = replace(healthy, measurement=wander, output=0.5 + 0.1 * (error + np.cumsum(error - error.mean()) / 20.0))
-    for record, limit in ((healthy, 0.015), (stuck, None)):
+@pytest.mark.parametrize("seed", range(3, 9))
+def test_a_valve_that_never_moved_has_more_play_than_op_could_show(seed: int, answers: Record,
+                                                                   monkeypatch: pytest.MonkeyPatch):
+    """Its PV wanders by itself, and OP, which follows, excludes nothing; where OP is moved and PV answers it does."""
+    wander = 0.5 + 0.004 * lfilter([1.0], [1.0, -0.98], np.random.default_rng(seed).normal(size=6000))
+    error = 0.5 - wander
+    stuck = replace(answers, setpoint=np.full(6000, 0.5), measurement=wander,
+                    output=0.5 + 0.1 * (error + np.cumsum(error - error.mean()) / 20.0))
+    for record, limit in ((answers, 0.015), (stuck, None)):
         with monkeypatch.context() as patched:
             patched.setattr("backlash_cli.estimator.confirm.excluded", lambda *_: 1.5)
             assert study(record, SETTINGS).crossed(1.5) >= 2 and confirm(record).limit_of_detection == limit

@@ -15,6 +15,7 @@ from backlash_cli.estimator.gap_test import (
     stem_known,
 )
 from backlash_cli.estimator.predictor import (
+    RESOLUTION,
     Lags,
     Predictor,
     Recording,
@@ -52,6 +53,18 @@ def gaps_of(p: Predictor, recordings: list[Recording], widths: np.ndarray) -> Ga
     gaps, known = zip(*[(gaps_in(r.output, widths, p.size), stem_known(r.output, widths)) for r in recordings],
                       strict=True)
     return gaps_tested(p, gaps, known, widths, 0.5, 20.0, 1.0)
+
+
+def plainly_fitted(p: Predictor, columns: np.ndarray, y: np.ndarray, of_gap: tuple[int, ...] = ()
+                   ) -> tuple[np.ndarray, float]:
+    """Coefficients and loss by NumPy's own solver; errors in OP, and in columns `of_gap`, are rows of their own."""
+    recent = p.last_measurement.stop - p.last_measurement.start
+    lags = np.arange(len(columns))
+    unsure = np.isin(lags, [*lags[p.past_output], *(p.last_measurement.stop + np.arange(recent)), *of_gap])
+    more = np.diag(np.where(unsure, RESOLUTION * np.sqrt(p.weights.sum()), 0.0))
+    rows, target = np.vstack([columns.T, more]), np.append(y, np.zeros(len(columns)))
+    b, *_ = np.linalg.lstsq(rows, target, rcond=None)
+    return b, float(np.sum((target - rows @ b) ** 2))
 
 
 def test_gap_means_are_those_of_play_at_full_rate():
@@ -141,24 +154,24 @@ def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
     p = prediction([r])
     assert p is not None
     gaps = forgetting_gaps_in(r.output, np.array([2.0, 4.0]), SIZE, 20.0)
-    floor = p.loss - float(p.error @ p.error)
+    floor = p.loss - plainly_fitted(p, p.columns, p.target)[1]
+    assert 0.0 < floor < 0.1 * p.loss
     for j, found in enumerate(imitation_gains(p, [gaps])):
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
-        b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
-        left = float(np.sum((p.target - b @ columns) ** 2)) + floor
+        left = floor + plainly_fitted(p, columns, p.target, tuple(range(len(p.columns), len(columns))))[1]
         free = p.rows - len(p.columns)
         assert found == pytest.approx(0.5 * free * np.log(p.loss / left), rel=1e-3, abs=0.02)
 
 
 @pytest.mark.parametrize("parts", [1, 3])
 def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_the_stem_is_known(parts):
-    """Weighted least squares by NumPy's own solver, with and without the column that the tied fit predicts."""
+    """Weighted least squares of a plain kind, with and without the column that the tied fit predicts."""
     several = [recording(4000 // parts, seed=k) for k in range(parts)]
     p = prediction(several)
     assert p is not None
     widths = np.array([3.0, 8.0])
     found = gaps_of(p, several, widths)
-    floor = p.loss - float(p.error @ p.error)
+    floor = p.loss - plainly_fitted(p, p.columns, p.target)[1]
     G = p.lagged([gap_means(r.output, widths, SIZE, len(r.output) // SIZE) for r in several])
     reach, fine = p.lags.reach, p.lags.fine
     for j, width in enumerate(widths):
@@ -173,8 +186,8 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_th
         free = len(y) - len(before)
 
         def loss(columns: np.ndarray, y: np.ndarray = y, share: float = share) -> tuple[float, np.ndarray]:
-            b, *_ = np.linalg.lstsq(columns.T, y, rcond=None)
-            return float(np.sum((y - b @ columns) ** 2)) + floor * share, b
+            b, left = plainly_fitted(p, columns, y)
+            return left + floor * share, b
 
         without, _ = loss(before)
         tied = before.copy()
@@ -197,7 +210,7 @@ def test_an_answer_of_its_own_is_that_of_a_plain_regression_and_counts_where_a_p
     Ti, seen = 20 // SIZE, []
     for j, gain in enumerate(imitation_gains(p, [gaps])):
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
-        b, *_ = np.linalg.lstsq(columns.T, p.target, rcond=None)
+        b, _ = plainly_fitted(p, columns, p.target, tuple(range(len(p.columns), len(columns))))
         past = list(b[p.past_measurement][: p.lags.fine])
         for k, mean in enumerate(b[p.past_measurement][p.lags.fine :]):
             past += [mean / 2 ** (k + 1)] * 2 ** (k + 1)
