@@ -40,9 +40,9 @@ WIDEST = 20.0  # % of span: the widest width tried
 WIDTHS, FINE = 16, 9  # how many of them, and how many between the neighbours of the best
 IMITATED = 0.5  # of what imitations gain is taken off
 AS_GOOD = 0.8  # of what the best imitation gains, that a gap must gain at least
-LEAST_INTERVAL, IMPERFECTION = 0.1, 0.45  # of d, each way: floor, and what imitations gain as a share of the gap's gain
+LEAST_INTERVAL, IMPERFECTION = 0.1, 0.4  # of d, each way: floor, and what imitations gain as a share of the gap's gain
 WELL_KNOWN = 0.9  # of the rows: where the stem is known in fewer, a free answer fits what came before
-DOUBT = 0.3  # of what imitations gain [nats]: differences of gains are no better known than that
+DOUBT = 0.25  # of what imitations gain [nats]: differences of gains are no better known than that
 HOLE = 20  # samples; a hole as long ends a recording
 LEAD = 2000  # samples before a test, at most as many as in it: where the stem stood, and what PV still answers to
 MOST_TESTS = 12  # the last ones
@@ -90,8 +90,8 @@ class Study(Frozen):
         """The smallest dead band [%] that the record excludes. It must show that PV answers OP: the play of a valve
         that never moved is wider than all OP did. One event proves absence no more than presence."""
         limit = excluded([a.test for a in self.asked], evidence, self.length, self.moved)
-        answers = (answers_output(a.prediction, self.settings.K, self.Ti, self.interval) for a in self.asked)
-        return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS and any(answers) else None
+        return limit if limit and self.crossed(limit) >= FEWEST_CROSSINGS and answers_output(
+            [a.prediction for a in self.asked], self.settings.K, self.Ti, self.interval) else None
 
 
 def confirm(record: Record, settings: LoopSettings | None = None) -> Confirmation | Note:

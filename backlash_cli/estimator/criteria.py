@@ -10,11 +10,11 @@ from ..record import Frozen, Note
 from ..results import Confirmation
 from ..words import noted, times
 
-CALLED, CALLED_TESTED = 8.0, 9.0  # nats, in automatic and in a test in manual
-SOME = 6.0  # nats: worth a look
+CALLED, CALLED_TESTED = 6.5, 9.0  # nats, in automatic and in a test in manual
+SOME = 5.0  # nats: worth a look
 ELSEWHERE = 2.0  # nats that a test in manual must bring besides the turn of OP that brings the most
 UNKNOWN_SIGN = 3.0  # times as much where K is not known: nothing tells then which answers a process can give
-CONFIDENCE = ((6.0, 0.4), (8.0, 0.65), (12.0, 0.78), (18.0, 0.88), (25.0, 0.94), (40.0, 0.97), (70.0, 0.98))
+CONFIDENCE = ((5.0, 0.4), (6.5, 0.6), (10.0, 0.8), (15.0, 0.88), (25.0, 0.94), (40.0, 0.97), (70.0, 0.98))
 UNLIKE, UNSURE = 0.5, 0.92  # of what a gap explains: where gaps that forget explain more, however much it is
 CONFIDENCE_TESTED = ((5.0, 0.80), (9.0, 0.95), (20.0, 0.97))  # the same of tests in manual (strangers --kind manual)
 SMALLEST = 0.005  # span: nobody opens a valve for less, and errors of the prediction read as such sizes

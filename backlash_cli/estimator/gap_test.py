@@ -33,7 +33,7 @@ COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the
 STRETCHES = 24  # of the record, for the deviation of the share
 LEAST_SHARE, MOST_SHARE = 0.6, 1.6  # a share outside is no gap, whatever it gains
 LEAST_ANSWER, MOST_ANSWER = 0.02, 20.0  # of PV to OP within 6 Ti, times K: a loop so far off would not have been tuned
-ANSWERED = 12.0  # nats that past OP must tell of PV: of a valve that never moves it tells less than 8
+ANSWERED = 8.5  # nats that past OP must tell of PV: of 300 valves that never moved it told so much of one
 FREE_LAGS = 4  # of an answer of its own, to a gap or to an imitation
 SEEN_TIED, SEEN_FREE = (6, 3), (3, 1)  # Ti: how long an answer is watched, when it must have come; few lags tell less
 NO_ANSWER, UNKNOWN = 1e-9, 1e6  # of the loss: PV answers less to a gap that OP never crossed; deviation of its share
@@ -107,8 +107,9 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
         before, early = H[:, ~counts[g]], G[g][:, ~counts[g]]
         for products, one, other in ((base, before, before), (cross, before, early), (own, early, early)):
             products[g] -= one @ other.T
+        np.einsum("ii->i", base[g])[:] -= p.blur * np.einsum("cr,cr->c", before, before)
         G[g] *= counts[g]
-    degrees = counts.sum(axis=1) - len(H)  # of freedom
+    degrees, blur = counts.sum(axis=1) - len(H), RESOLUTION**2 * base[:, at.start, at.start]  # of freedom; of OP
     to_columns = (counts * y) @ H.T
     solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
     error, solved, alone = counts * (y - solved[..., -1] @ H), solved[..., :-1], solved[..., -1]
@@ -124,6 +125,7 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     left = floor - np.sum(b * right, axis=1)
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
+    np.einsum("gii->gi", unexplained)[:] += blur[:, None]
     size = np.sum(to_output * (unexplained @ to_output[..., None])[..., 0], axis=1)
     answered = (size > NO_ANSWER * loss) & (degrees >= LEAST_ROWS)
     size = np.where(answered, size, 1.0)
@@ -141,12 +143,16 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
     return GapTest(widths, gain, share, deviation, tied, possible, share * found / loss, counts.mean(axis=1), own_gain)
 
 
-def answers_output(p: Predictor, K: float | None, Ti: float, interval: float) -> bool:
-    """Whether past OP tells of PV, and PV's answer to it is one of a process. K, Ti, interval: as `gaps_tested`."""
-    at, b = p.past_output, p.coefficients[None]
-    told = b[0, at] @ np.linalg.solve(np.linalg.inv(p.gram)[at, at], b[0, at])  # by how much the loss would grow
-    seen = 0.5 * p.rows * np.log1p(told / p.loss) >= ANSWERED
-    return bool(seen and _possible(p, b, b[:, at], K, Ti, interval, SEEN_TIED)[0])
+def answers_output(predictions: Sequence[Predictor], K: float | None, Ti: float, interval: float) -> bool:
+    """Whether past OP tells of PV, in the mean of the two block lengths where it tells most, and PV's answer to it is
+    one of a process in one of them all. K, Ti, interval: as `gaps_tested`."""
+    told, possible = [], False
+    for p in predictions:
+        at, b = p.past_output, p.coefficients[None]
+        more = b[0, at] @ np.linalg.solve(np.linalg.inv(p.gram)[at, at], b[0, at])  # by how much the loss would grow
+        told.append(0.5 * p.rows * float(np.log1p(more / p.loss)))
+        possible |= bool(_possible(p, b, b[:, at], K, Ti, interval, SEEN_TIED)[0])
+    return possible and float(np.mean(sorted(told)[-2:])) >= ANSWERED
 
 
 def imitation_gains(p: Predictor, signals: Sequence[FloatArray]) -> FloatArray:
@@ -166,7 +172,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     left = own - np.swapaxes(cross, 1, 2) @ solved
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
-    diagonal += 1e-9 + RESOLUTION**2 * float(np.sum(p.weights))
+    diagonal += 1e-9 + RESOLUTION**2 * p.gram[p.past_output.start, p.past_output.start]  # they are made of OP
     answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
     beside = p.coefficients - (solved @ answer)[..., 0]
     return _gain(np.sum(answer[..., 0] * right, axis=1) / p.loss, p.rows - len(p.columns)), answer[..., 0], beside

@@ -31,7 +31,7 @@ FREEDOM = 4.0  # of Student's t
 ROUNDS, STANDS = 4, 0.05  # of the weights, at most; change of the variance, as a share, from which they stand
 RIDGE = 1e-8  # of the diagonal: columns that repeat each other do no harm
 LEVELS = 50  # at most: of more recordings, neighbours share one
-RESOLUTION = 0.03  # % of span: no valve follows OP closer than that
+RESOLUTION = 0.007  # of the deviation of OP: no valve follows it closer than that
 MODEL_ERROR = 0.002  # of the deviation of PV: no model of a process is better than that, however little noise there is
 
 
@@ -88,7 +88,8 @@ class Predictor(Frozen):
     columns: (columns, rows): levels, past PV, past OP, the rest. target, error: (rows,). All three times the root of
     the weights (rows,), so that sums over rows are weighted ones. coefficients, gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
-    loss: sum of squared errors, of an imperfect model and of OP included. every: how many rows there were for each."""
+    loss: sum of squared errors, of an imperfect model and of OP included. every: how many rows there were for each.
+    blur: (columns,) variance of their errors, in parts of their own."""
 
     size: int
     lags: Lags
@@ -103,6 +104,7 @@ class Predictor(Frozen):
     past_output: slice
     last_measurement: slice
     every: int
+    blur: FloatArray
     _used: tuple[int, ...]
     _rows: tuple[NDArray[np.int64], ...]
 
@@ -182,8 +184,8 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
         linear.append(np.vstack([own, _lags_of(means[:2], lags, rows).reshape(2 * lags.count, -1), means[:1, rows]]))
     H = np.concatenate(linear, axis=1)
     output, recent = levels + lags.count, len(_last_lengths(recordings[0].size))
-    unsure = np.repeat([0.0, RESOLUTION**2], [output, lags.count])
-    first = _fitted(H[:-1], H[-1], unsure)[0]
+    blur = np.repeat([0.0, RESOLUTION**2], [output, lags.count])
+    first = _fitted(H[:-1], H[-1], blur)[0]
     answers = lags.spread(first[levels:].reshape(2, -1))  # of every block, also those that are not taken
     missed = [recordings[i].means[0, whole[i]] - first[level_of[i]] - sum(
         np.convolve(x, c)[whole[i] - 1] for x, c in zip(recordings[i].means[:2], answers, strict=True)) for i in taken]
@@ -198,19 +200,19 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
                     for k in range(1, count + 1)]
         more.append(np.vstack([_just_before(recordings[i], rows), np.array(products), surprises]))
     y, H = H[-1], np.vstack([H[:-1], np.concatenate(more, axis=1)])
-    rest = len(H) - len(unsure) - 2 * recent
-    unsure = np.append(unsure, np.repeat([0.0, RESOLUTION**2, 0.0], [recent, recent, rest]))
-    H, unsure = (x[np.any(H != 0.0, axis=1)] for x in (H, unsure))
+    rest = len(H) - len(blur) - 2 * recent
+    blur = np.append(blur, np.repeat([0.0, RESOLUTION**2, 0.0], [recent, recent, rest]))
+    H, blur = (x[np.any(H != 0.0, axis=1)] for x in (H, blur))
     if len(y) < max(len(H) + LEAST_ROWS, FEWEST_ROWS):
         return None
-    b, w, H, gram = _fitted(H, y, unsure)
+    b, w, H, gram = _fitted(H, y, blur)
     y = y * np.sqrt(w)
     error = y - b @ H
-    floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2 + float(unsure @ b**2))
+    floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2)
     latest = output + lags.count
-    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(error @ error) + floor,
-                     slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, tuple(taken),
-                     tuple(whole[i][t] for i, t in taken.items()))
+    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(y @ y - b @ (H @ y)) + floor,
+                     slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, blur,
+                     tuple(taken), tuple(whole[i][t] for i, t in taken.items()))
 
 
 def _usable_rows(b: Blocks, lags: Lags) -> NDArray[np.int64]:
@@ -251,18 +253,16 @@ def _surprises(beyond: FloatArray, of: NDArray[np.int64], rows: NDArray[np.int64
     return np.array([*single, (total[end] - total[np.maximum(end - SURPRISE_SPAN, 0)]) / SURPRISE_SPAN])
 
 
-def _fitted(H: FloatArray, y: FloatArray, unsure: FloatArray
-            ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of y regressed on H: coefficients (columns,), Student weights (rows,), H times their root, its Gram matrix.
-    unsure: (columns,) variance of the errors in H."""
+def _fitted(H: FloatArray, y: FloatArray, blur: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of y regressed on H: coefficients (columns,), Student weights (rows,), H times their root, its Gram matrix."""
     w, weighted, variance = np.ones(len(y)), np.empty_like(H), np.inf
     for again in range(ROUNDS + 1):
         root = np.sqrt(w)
         np.multiply(H, root, out=weighted)
         gram = weighted @ weighted.T
         diagonal = np.einsum("ii->i", gram)  # a view
-        diagonal *= 1.0 + RIDGE
-        diagonal += 1e-12 + np.sum(w) * unsure
+        diagonal *= 1.0 + RIDGE + blur
+        diagonal += 1e-12
         b: FloatArray = np.asarray(np.linalg.solve(gram, weighted @ (root * y)), dtype=np.float64)
         error = y - b @ H
         before, variance = variance, float(np.mean(w * error**2))

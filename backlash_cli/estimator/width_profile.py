@@ -21,7 +21,7 @@ TRACE, DROP = 3.0, 1.92  # nats: of evidence, a trace of a gap; of a likelihood,
 LIMITS = (0.8, 1.1, 1.5, 2.0, 2.8, 4.0, 5.6)  # % of span: the limits of detection that are told apart
 SMALLER = 0.85  # widths from this share of L on
 MOVED = 2.0  # range of OP over a dead band that it excludes
-WEIGHTS, CONSTANT = (1.506, -0.991, 0.217, -0.349, 0.799), -2.831  # of the signs, by regression
+WEIGHTS, CONSTANT = (1.725, -1.111, 0.359, -0.353, 0.808), -2.871  # of the signs, by regression
 HIDDEN = 0.02  # chance that is left when a dead band is said to be excluded
 
 
@@ -86,7 +86,8 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, moved: float
     nearest = np.abs(np.log(widths / limits[:, None])).argmin(axis=1)
     told = np.column_stack([np.where(there, mean, -np.inf).max(axis=1), np.full(len(limits), (gains - mean).max()),
                             np.full(len(limits), evidence)])
-    expected = np.median([0.5 / np.maximum(test.deviation, 1e-6) ** 2 for test in tests], axis=0)[nearest]
+    nats = np.sort(0.5 / np.maximum([test.deviation for test in tests], 1e-6) ** 2, axis=0)
+    expected = nats[-2:].mean(axis=0)[nearest]  # as evidence is, of the two block lengths that show it best
     return np.column_stack([np.sign(told) * np.log1p(np.abs(told)), np.full(len(limits), np.log(max(length, 1.0))),
                             np.log(moved / limits), expected])
 

@@ -146,6 +146,8 @@ def split_tag(text: str) -> Tag:
                 # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
                 loop = found[1] if (found := re.fullmatch(rf"({_TAG}),?\s[^\d.]*", name[:cut])) else name[:cut]
                 return Tag(loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
-    if len(parts[0][1]) > 1 and (first := signal_role(parts[0][1])) and not is_column(parts[-1][1], "time"):
-        return Tag(name[parts[1].start() :].strip(" .-_/:|#"), first, parts[0][1])  # PV_FIC101
+    for words in (2, 1):  # Set point temperature, PV_FIC101
+        if (first := signal_role(begun := name[: parts[words - 1].end()].strip(" .-_/:|"))) and len(begun) > 1 and not (
+                is_column(parts[-1][1], "time")):
+            return Tag(name[parts[words - 1].end() :].strip(" .-_/:|#"), first, begun)
     return Tag(name[: parts[-1].start()], "", parts[-1][1])

@@ -217,7 +217,6 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
     """Return (name, what opens it as CSV) of the sheets that hold more than a few cells: as files in a folder that is
     called as the workbook, the only one as the workbook itself. Raises InputError."""
     import pandas as pd
-
     try:
         with opened() as file:
             book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
@@ -260,6 +259,8 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     lines = [row for row in lines[1 if declared else 0 :] if row[2].strip(" \t,;|")]
     if not lines:
         raise InputError(**explained("no_data"), where=where)
+    if len(lines) == 1 and len(lines[0][2]) > SAMPLE:
+        raise InputError(**explained("one_line", MB=len(text.head) / 1e6), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
     ruled = next((line.rstrip() for _, _, line in lines[:30] if RULER.match(line)), "")
     forms = (_at_edges(ruled), *_REWRITTEN) if ruled else _REWRITTEN
@@ -293,9 +294,10 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
+    one = kinds.count("number") < 2
     if not before:  # the name of the file, or a tag in every row, may say it all
         called = ["tag" if k == "text" and all(split_tag(cell).role in SIGNALS for cell in own) else "time" if k in (
-            "time", "clock") else "value" if k == "number" and (kinds.count(k) < 2 or "." in "".join(own)) else ""
+            "time", "clock") else "value" if k == "number" and (one or "." in "".join(own)) else ""
                   for k, own in zip(kinds, zip(*tail, strict=True), strict=True)]  # a measurement is not whole
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}

@@ -271,7 +271,6 @@ class StampReader:
         if not len(known):
             return micros
         import pandas as pd
-
         local = micros[known]
         near = local.clip(-DAY * 700_000, DAY * 2_900_000)  # what a calendar knows
         walls = pd.DatetimeIndex(near.astype("datetime64[us]"))
@@ -312,7 +311,6 @@ class StampReader:
         self._zone = self._zone or _region(words[0] if words else "")
         if "%" in self.form:
             import pandas as pd
-
             try:
                 found = pd.to_datetime(pd.Series(words).str.strip(), format=self.form, errors="coerce", utc=True)
             except (ValueError, TypeError, OverflowError) as error:

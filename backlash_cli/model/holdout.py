@@ -123,7 +123,6 @@ def expected(mean: FloatArray, sd: float, low: FloatArray, high: FloatArray) -> 
     sd (p(a) - p(b)) / (P(b) - P(a)) with a, b = the limits less the mean, over sd (Johnson, Kotz and Balakrishnan,
     Continuous Univariate Distributions 1, section 13.10.1)."""
     from scipy.special import ndtr  # few recordings were rounded
-
     a, b = (low - mean) / sd, (high - mean) / sd
     inside = ndtr(b) - ndtr(a)
     away = (np.exp(-0.5 * a * a) - np.exp(-0.5 * b * b)) / (math.sqrt(2.0 * math.pi) * np.maximum(inside, 1e-9))

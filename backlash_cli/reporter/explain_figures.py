@@ -143,7 +143,6 @@ def binned(x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool 
            bins: int = BINS) -> Binned:
     """Return centre, mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
     from scipy.stats import binned_statistic
-
     chosen = where & np.isfinite(residual) & np.isfinite(x)
     xs, rs = x[chosen], residual[chosen]
     if len(xs) < 2 * FEWEST or np.ptp(xs) == 0.0:
@@ -174,7 +173,6 @@ def since_reversal(output: FloatArray) -> tuple[FloatArray, IntArray]:
     """Return samples since OP last turned (-1 before the first turn) and where it goes since (1 up, -1 down). A turn
     counts when OP then goes on by more than its own noise and 2 % of its travel."""
     from scipy.signal import find_peaks
-
     third, count = np.diff(output, 3), np.arange(len(output))
     noise = float(np.sqrt(np.nanmean(third**2) / 20.0)) if third.size else 0.0
     least = max(4.0 * noise, 0.02 * float(np.nanmax(output) - np.nanmin(output)), 1e-9)

@@ -163,7 +163,6 @@ def flanks(near: Record, size: float) -> list[tuple[FloatArray, FloatArray]] | N
     """Return (OP, PV) of both flanks PV = gain (OP -+ d/2) + offset, opening and closing; None where PV does not follow
     OP through a gap of `size`, with the delay that suits best."""
     from scipy.stats import linregress
-
     assert near.output is not None
     good = np.isfinite(near.output) & np.isfinite(near.measurement)
     op, pv = near.output[good], near.measurement[good]

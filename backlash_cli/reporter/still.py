@@ -67,7 +67,6 @@ def still(title: str, rows: Sequence[Sequence[tuple[str, Figure]]], heights: Seq
     """Return plotly figures, each with its title, in rows of these relative heights; size: inches."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure as Picture
-
     with rc_context(STYLE):
         whole = Picture(figsize=size, layout="constrained")
         whole.suptitle(fill(terminal(title, 240), int(PER_INCH * size[0])), x=0.01, ha="left", fontsize=12,
@@ -83,7 +82,6 @@ def _draw(part: Any, words: str, data: Sequence[Figure], layout: Figure, *, narr
     """One figure: its vertical axes below each other over one horizontal one, as their domains say."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
     from matplotlib.ticker import FixedLocator
-
     scales = {key.replace("axis", ""): axis for key, axis in layout.items()
               if key.startswith("yaxis") and "overlaying" not in axis}
     heights = [high - low for low, high in (axis.get("domain", (0.0, 1.0)) for axis in scales.values())]

@@ -55,7 +55,6 @@ def to_dataframe(result: ScanResult, table: str = "loops") -> pd.DataFrame:
     Sizes (d, dy, e_max ...) are parts of the span: 0.03 is 3 %. Times are UTC timestamps. Names are as in the export.
     Raises UsageError for a table that does not exist."""
     import pandas as pd
-
     columns = {name: _DTYPES[kind.split()[0]] for name, kind in _columns(table).items()}
     return pd.DataFrame([row for r in result.loops for row in _rows(r, table)], columns=list(columns)).astype(columns)
 
@@ -110,7 +109,6 @@ def _night_values(night: Night) -> dict[str, Any]:
 def write_rows(rows: Sequence[Mapping[str, object]], path: Path) -> None:
     """Write flat rows of a history to a .csv or .parquet file; times (epoch seconds) become UTC."""
     import pandas as pd
-
     suffix = path.suffix.lower()
     if suffix not in (".csv", ".parquet"):
         raise UsageError(f"cannot export to {path.suffix or 'a file without suffix'}", where=str(path),

@@ -42,7 +42,6 @@ def limit_cycle(controller: Controller, process: Process, d: float) -> LimitCycl
     Stable in the sense of Loeb: a slightly larger oscillation dies down, a smaller one grows. A loop that is unstable
     without any dead band is outside this question."""
     from scipy.optimize import brentq
-
     # the phase of N falls steadily from 0 to -pi/2 while the sine gets smaller, so it can be read backwards
     phases = -np.angle(describing_function(RATIOS))
 

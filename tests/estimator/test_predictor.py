@@ -55,14 +55,15 @@ def gaps_of(p: Predictor, recordings: list[Recording], widths: np.ndarray) -> Ga
     return gaps_tested(p, gaps, known, widths, 0.5, 20.0, 1.0)
 
 
-def plainly_fitted(p: Predictor, columns: np.ndarray, y: np.ndarray, of_gap: tuple[int, ...] = ()
-                   ) -> tuple[np.ndarray, float]:
-    """Coefficients and loss by NumPy's own solver; errors in OP, and in columns `of_gap`, are rows of their own."""
-    recent = p.last_measurement.stop - p.last_measurement.start
-    lags = np.arange(len(columns))
-    unsure = np.isin(lags, [*lags[p.past_output], *(p.last_measurement.stop + np.arange(recent)), *of_gap])
-    more = np.diag(np.where(unsure, RESOLUTION * np.sqrt(p.weights.sum()), 0.0))
-    rows, target = np.vstack([columns.T, more]), np.append(y, np.zeros(len(columns)))
+def plainly_fitted(p: Predictor, columns: np.ndarray, y: np.ndarray, counts: np.ndarray | slice = slice(None),
+                   more: float = 1.0) -> tuple[np.ndarray, float]:
+    """Coefficients and loss by NumPy's own solver; errors in OP are rows of their own. counts: rows that do. more: such
+    errors in further columns."""
+    own, recent = np.linalg.norm(p.columns[:, counts], axis=1), p.last_measurement.stop - p.last_measurement.start
+    number = np.arange(len(own))
+    of_output = np.isin(number, [*number[p.past_output], *(p.last_measurement.stop + np.arange(recent))])
+    errors = RESOLUTION * np.append(own * of_output, np.full(len(columns) - len(own), more * own[p.past_output][0]))
+    rows, target = np.vstack([columns.T, np.diag(errors)]), np.append(y, np.zeros(len(columns)))
     b, *_ = np.linalg.lstsq(rows, target, rcond=None)
     return b, float(np.sum((target - rows @ b) ** 2))
 
@@ -158,7 +159,7 @@ def test_the_gain_of_free_lags_is_that_of_a_plain_regression():
     assert 0.0 < floor < 0.1 * p.loss
     for j, found in enumerate(imitation_gains(p, [gaps])):
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
-        left = floor + plainly_fitted(p, columns, p.target, tuple(range(len(p.columns), len(columns))))[1]
+        left = floor + plainly_fitted(p, columns, p.target)[1]
         free = p.rows - len(p.columns)
         assert found == pytest.approx(0.5 * free * np.log(p.loss / left), rel=1e-3, abs=0.02)
 
@@ -185,8 +186,9 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_th
         y, before, share = p.target[rows], p.columns[:, rows], p.weights[rows].sum() / p.weights.sum()
         free = len(y) - len(before)
 
-        def loss(columns: np.ndarray, y: np.ndarray = y, share: float = share) -> tuple[float, np.ndarray]:
-            b, left = plainly_fitted(p, columns, y)
+        def loss(columns: np.ndarray, more: float = 0.0, y: np.ndarray = y, rows: np.ndarray = rows,
+                 share: float = share) -> tuple[float, np.ndarray]:
+            b, left = plainly_fitted(p, columns, y, rows, more)
             return left + floor * share, b
 
         without, _ = loss(before)
@@ -194,7 +196,8 @@ def test_the_gain_of_a_gap_is_that_of_two_plain_regressions_on_the_rows_where_th
         tied[p.past_output] += G[j][:, rows]
         with_gap, b = loss(tied)
         assert found.tied_gain[j] == pytest.approx(0.5 * free * np.log(without / with_gap), rel=1e-3, abs=0.02)
-        left, both = loss(np.vstack([before, b[p.past_output] @ G[j][:, rows]]))
+        answer = b[p.past_output]
+        left, both = loss(np.vstack([before, answer @ G[j][:, rows]]), more=float(np.linalg.norm(answer)))
         assert found.gain[j] == pytest.approx(0.5 * free * np.log(without / left), rel=1e-3)
         assert found.share[j] == pytest.approx(both[-1], rel=1e-3)
 
@@ -210,7 +213,7 @@ def test_an_answer_of_its_own_is_that_of_a_plain_regression_and_counts_where_a_p
     Ti, seen = 20 // SIZE, []
     for j, gain in enumerate(imitation_gains(p, [gaps])):
         columns = np.vstack([p.columns, p.lagged([gaps], 4)[j]])
-        b, _ = plainly_fitted(p, columns, p.target, tuple(range(len(p.columns), len(columns))))
+        b, _ = plainly_fitted(p, columns, p.target)
         past = list(b[p.past_measurement][: p.lags.fine])
         for k, mean in enumerate(b[p.past_measurement][p.lags.fine :]):
             past += [mean / 2 ** (k + 1)] * 2 ** (k + 1)

@@ -52,7 +52,7 @@ def test_no_half_periods_still_gives_a_number():
 
 
 @pytest.mark.parametrize(("change", "code"), [
-    ({"evidence": 7.0}, "weak_evidence"), ({"crossings": 1.0}, "few_reversals"),
+    ({"evidence": 6.0}, "weak_evidence"), ({"crossings": 1.0}, "few_reversals"),
     ({"share_deviation": 0.5}, "single_event"),
     ({"edge": 1.0}, "edge_of_widths"), ({"output_range": 0.034}, "little_motion"),
     ({"output_range": 0.04, "evidence": 15.0}, "little_motion"),
@@ -178,7 +178,7 @@ def test_a_size_that_is_not_known_is_suspected_at_most():
 
 
 def test_an_oscillation_gets_no_size_that_is_not_called():
-    weak = replace(FOUND, details={**DETAILS, "evidence": 7.0})
+    weak = replace(FOUND, details={**DETAILS, "evidence": 6.0})
     decision = decide(findings(confirmation=weak, oscillation=SWINGING))
     assert decision.verdict is Verdict.OSCILLATING
     assert decision.cluster is None
@@ -189,7 +189,7 @@ BY_HAND = {"source": "manual_test", "evidence": 20.0, "elsewhere": 9.0, "crossin
 TESTED = Confirmation(0.02, (0.017, 0.023), 0.4, 30.0, None, BY_HAND)
 CLEARED = Confirmation(0.004, (0.0, 0.008), 0.0, -6.0, 0.015, {**BY_HAND, "evidence": 0.5, "trace": 0.0})
 ONE_TURN = replace(TESTED, details={**BY_HAND, "crossings": 1.0})
-WEAK = replace(FOUND, d=0.021, ci95=(0.012, 0.03), details={**DETAILS, "evidence": 7.0})
+WEAK = replace(FOUND, d=0.021, ci95=(0.012, 0.03), details={**DETAILS, "evidence": 5.5})
 SHORT = Note("short_record", "too short")
 NO_ANSWER = Note("manual_no_answer", "PV did not answer", {"at_least": 0.03})
 VAGUE = replace(CLEARED, limit_of_detection=None)
@@ -266,8 +266,8 @@ def test_records_all_in_manual_are_judged_by_their_test():
 
 
 @pytest.mark.parametrize(("output", "evidence", "code", "verdict"), [
-    ("completed", 17.0, "interpolated", Verdict.BACKLASH), ("completed", 15.0, "interpolated", Verdict.SUSPECTED),
-    ("recorded", 17.0, "interpolated", Verdict.SUSPECTED), ("completed", 17.0, "compressed_held", Verdict.SUSPECTED)])
+    ("completed", 14.0, "interpolated", Verdict.BACKLASH), ("completed", 12.0, "interpolated", Verdict.SUSPECTED),
+    ("recorded", 14.0, "interpolated", Verdict.SUSPECTED), ("completed", 14.0, "compressed_held", Verdict.SUSPECTED)])
 def test_pv_on_lines_is_no_obstacle_where_the_output_is_known_in_between(output, evidence, code, verdict) -> None:
     """Twice the evidence is asked for, and tells the confidence that half of it would."""
     found = replace(FOUND, details={**DETAILS, "output": output, "evidence": evidence})

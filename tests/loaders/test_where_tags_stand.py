@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from backlash_cli import read
-from backlash_cli.errors import LoopError
+from backlash_cli.errors import InputError, LoopError
 from backlash_cli.loaders.names import undated
 
 ROWS = 400
@@ -246,3 +246,32 @@ def test_loops_that_are_numbers_beside_a_column_of_signals(tmp_path, header):
     long(tmp_path / "plant.csv", f"Time,{header},value", lambda loop, role: f"{{t}},{loop},{role},{{v}}",
          ("101", "102"))
     assert are_read(read(tmp_path / "plant.csv"), ["101", "102"])
+
+
+@pytest.mark.parametrize("head", [
+    "Zeit,Set point FIC101,FIC101 PV,FIC101 OUT", "time,FIC101 SETPT,FIC101 PROCESS,FIC101 OUTPUT",
+    "time,FIC101_SETPOINT,FIC101_MEASUREMENT,FIC101_CTRL_OUTPUT", "time,FIC101.SPV,FIC101.PV,FIC101.CNTRL_OUT",
+    "time,FIC101_SETVAL,FIC101_MEAS_VAL,FIC101_CTL_OUT",
+    "Data,FIC101 Setpoint,FIC101 Valor do processo,FIC101 Abertura da válvula",
+    "Fecha,Set Point,Variable Procesada,% Apertura válvula",
+    "Fecha,Punto de ajuste,Variable del proceso,Salida del controlador",
+    "Horodatage,Consigne,Valeur procédé,Sortie vanne", "time,Desired Temperature,Actual Temperature,Valve Command"])
+def test_words_for_setpoint_measurement_and_output(tmp_path, head):
+    (found,) = columns(tmp_path, head, name="FIC101.csv")
+    assert found.loop == "FIC101" and is_read(found, 0)
+
+
+def test_cells_that_a_spreadsheet_is_to_take_as_they_are(tmp_path):
+    rows = [f"{s}," + ",".join(f'="{cell}"' for cell in cells(k).split(",")) for k, s in enumerate(STAMPS)]
+    (tmp_path / "plant.csv").write_text("\n".join(["Time,FIC7.SP,FIC7.PV,FIC7.OP", *rows]) + "\n")
+    assert are_read(read(tmp_path / "plant.csv"), ["FIC7"])
+
+
+@pytest.mark.parametrize("between", [",", ""])
+def test_a_text_without_line_ends_is_refused_at_once(tmp_path, between):
+    path = tmp_path / "plant.csv"
+    rows = [f"{s},{cells(k)}" for k, s in enumerate(STAMPS)]
+    path.write_text(between.join(["time,FIC7.SP,FIC7.PV,FIC7.OP", *rows] * 9))
+    with pytest.raises(InputError, match=r"one line of 0\.\d MB: its line ends are lost") as found:
+        read(path)
+    assert found.value.remedy and str(path) in str(found.value)
