@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..record import FloatArray, Frozen, IntArray
-from .predictor import LEAST_ROWS, RESOLUTION, Predictor
+from .predictor import LEAST_ROWS, Predictor
 
 COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the stem stands
 STRETCHES = 24  # of the record, for the deviation of the share
@@ -109,20 +109,19 @@ def gaps_tested(p: Predictor, gaps: Sequence[FloatArray], known: Sequence[IntArr
             products[g] -= one @ other.T
         np.einsum("ii->i", base[g])[:] -= p.blur * np.einsum("cr,cr->c", before, before)
         G[g] *= counts[g]
-    degrees, blur = counts.sum(axis=1) - len(H), RESOLUTION**2 * base[:, at.start, at.start]  # of freedom; of OP
+    degrees, blur = counts.sum(axis=1) - len(H), p.blur[at.start] * base[:, at.start, at.start]  # of freedom; of OP
     to_columns = (counts * y) @ H.T
     solved = np.linalg.solve(base, np.concatenate([cross, to_columns[..., None]], axis=2))
-    error, solved, alone = counts * (y - solved[..., -1] @ H), solved[..., :-1], solved[..., -1]
-    floor = (p.loss - float(y @ y - p.coefficients @ (H @ y))) * (counts @ p.weights) / np.sum(p.weights)
-    floor += counts @ y**2
-    loss = np.maximum(floor - np.sum(alone * to_columns, axis=1), NO_ANSWER * p.loss)  # no row may count
+    solved, alone = solved[..., :-1], solved[..., -1]
+    error, most = counts * (y - alone @ H), counts @ y**2 + p.floor * (counts @ p.weights) / np.sum(p.weights)
+    loss = np.maximum(most - np.sum(alone * to_columns, axis=1), NO_ANSWER * p.loss)  # no row may count
     gram, right = base, to_columns  # they become those of the tied fit
     gram[:, at] += np.swapaxes(cross, 1, 2)
     gram[:, :, at] += cross
     gram[:, at, at] += own
     right[:, at] += G @ y
     b: FloatArray = np.asarray(np.linalg.solve(gram, right[..., None])[..., 0], dtype=np.float64)
-    left = floor - np.sum(b * right, axis=1)
+    left = most - np.sum(b * right, axis=1)
     to_output = b[:, at]
     unexplained = own - np.swapaxes(cross, 1, 2) @ solved
     np.einsum("gii->gi", unexplained)[:] += blur[:, None]
@@ -172,7 +171,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     left = own - np.swapaxes(cross, 1, 2) @ solved
     diagonal = np.einsum("gii->gi", left)  # a view
     diagonal *= 1.0 + 1e-6
-    diagonal += 1e-9 + RESOLUTION**2 * p.gram[p.past_output.start, p.past_output.start]  # they are made of OP
+    diagonal += 1e-9 + p.blur[p.past_output.start] * p.gram[p.past_output.start, p.past_output.start]  # made of OP
     answer: FloatArray = np.asarray(np.linalg.solve(left, right[..., None]), dtype=np.float64)
     beside = p.coefficients - (solved @ answer)[..., 0]
     return _gain(np.sum(answer[..., 0] * right, axis=1) / p.loss, p.rows - len(p.columns)), answer[..., 0], beside

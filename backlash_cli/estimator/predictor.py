@@ -89,7 +89,7 @@ class Predictor(Frozen):
     the weights (rows,), so that sums over rows are weighted ones. coefficients, gram: of the columns. past_measurement,
     past_output: where their lags stand among the columns; last_measurement: where means of PV's last few samples do.
     loss: sum of squared errors, of an imperfect model and of OP included. every: how many rows there were for each.
-    blur: (columns,) variance of their errors, in parts of their own."""
+    floor: what that is at least. blur: (columns,) variance of the errors in columns, in parts of their own."""
 
     size: int
     lags: Lags
@@ -100,6 +100,7 @@ class Predictor(Frozen):
     coefficients: FloatArray
     gram: FloatArray
     loss: float
+    floor: float
     past_measurement: slice
     past_output: slice
     last_measurement: slice
@@ -210,7 +211,7 @@ def predictor(recordings: Sequence[Blocks], deviation: float, most: int, roundin
     error = y - b @ H
     floor = float(np.sum(w)) * ((MODEL_ERROR * deviation) ** 2 + rounding**2)
     latest = output + lags.count
-    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(y @ y - b @ (H @ y)) + floor,
+    return Predictor(recordings[0].size, lags, H, y, w, error, b, gram, float(y @ y - b @ (H @ y)) + floor, floor,
                      slice(levels, output), slice(output, latest), slice(latest, latest + recent), every, blur,
                      tuple(taken), tuple(whole[i][t] for i, t in taken.items()))
 

@@ -294,10 +294,10 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
     begun = _column_kinds([row for row in data if len(row) == width], width)
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    one = kinds.count("number") < 2
+    lone = kinds.count("number") < 2
     if not before:  # the name of the file, or a tag in every row, may say it all
         called = ["tag" if k == "text" and all(split_tag(cell).role in SIGNALS for cell in own) else "time" if k in (
-            "time", "clock") else "value" if k == "number" and (one or "." in "".join(own)) else ""
+            "time", "clock") else "value" if k == "number" and (lone or "." in "".join(own)) else ""
                   for k, own in zip(kinds, zip(*tail, strict=True), strict=True)]  # a measurement is not whole
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}
