@@ -4,23 +4,22 @@ from dataclasses import field
 
 import numpy as np
 
+from .estimator.confirm import SHORTEST
 from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
 from .estimator.quality import Quality, data_quality, heaviest_first
 from .estimator.settings_check import check_settings, clocks, contradicts
-from .record import Frozen, LoopSettings, Note, Record
-from .words import said
+from .record import Frozen, LoopSettings, Note, Record, duration
+from .words import noted, said
 
-# after these the given Ti is no measure for the sampling
-_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")
+_OF_TI = ("settings_ti_minutes", "settings_ti_repeats", "settings_form", "settings_contradicted")  # Ti is not true then
 
 
 class LoopCheck(Frozen):
     """What was found about one loop's data and settings. start, end: UTC epoch seconds; signals normalised.
 
     identified: settings read from the data; unidentified: why not. settings_notes: disagreements. diagnosis: what an
-    oscillation looks like. notes: what the loader found or assumed. failure: why the loop could not be checked at all.
-    """
+    oscillation looks like. notes: what the loader found or assumed. failure: why the loop was not checked at all."""
 
     loop: str
     start: float | None = None
@@ -52,11 +51,9 @@ class LoopCheck(Frozen):
                 return Note("limits", f"a dead band {means}: {note.message}")
         if heaviest == "limits":
             return Note("limits", f"a dead band can be suspected at most: {quality[0].message}")
-        for note in self.settings_notes:
-            return Note("none", f"fit for a verdict, but: {note.message}")
-        if self.diagnosis is not None:
-            return Note("none", f"fit for a verdict, but the loop oscillates; it {said(self.diagnosis.kind)}")
-        return Note("none", "fit for a verdict")
+        but = "" if self.diagnosis is None else f", but the loop oscillates; it {said(self.diagnosis.kind)}"
+        but = f", but: {self.settings_notes[0].message}" if self.settings_notes else but
+        return Note("none", f"fit for a verdict{but}")
 
 
 def check_loop(record: Record) -> LoopCheck:
@@ -69,5 +66,8 @@ def check_loop(record: Record) -> LoopCheck:
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
-    return LoopCheck(record.loop, first, last, settings, data_quality(record, Ti), identified, unidentified, notes,
-                     diagnosis if diagnosis.kind != "none" else None, (*record.notes, *clocks(record)))
+    quality, least = data_quality(record, Ti), SHORTEST * (Ti or 0.0)
+    used = quality.usable_share * quality.duration
+    short = [noted("short_record", {"effect": "blocks"}, used=duration(used), least=duration(least))] * (used < least)
+    return LoopCheck(record.loop, first, last, settings, quality, identified, unidentified, notes,
+                     diagnosis if diagnosis.kind != "none" else None, (*record.notes, *clocks(record), *short))

@@ -196,10 +196,10 @@ def is_copy(output: FloatArray, measurement: FloatArray) -> bool:
     """Say whether an output is the measurement in another unit: they lie on one line, and so do their changes, in a
     look at some places. A controller answers the changes of PV, and not its level, in such a way."""
     places = np.array([[0], [1], [3]]) * len(output) // 4 + np.arange(min(LOOK, len(output) // 4))
-    two = np.stack([output[places], measurement[places]])
-    two = two[:, np.isfinite(two).all(axis=(0, 2))]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return two[..., 1:].size > 2 and all(np.corrcoef(x.reshape(2, -1)).min() > ALIKE for x in (np.diff(two), two))
+    x, y = output[places], measurement[places]
+    x, y = (one[np.isfinite(x + y).all(axis=1)] for one in (x, y))
+    centred = ([(one - one.mean()).ravel() for one in pair] for pair in ((np.diff(x), np.diff(y)), (x, y)))
+    return x[:, 1:].size > 1 and all(a @ b > ALIKE * float((a @ a) * (b @ b)) ** 0.5 for a, b in centred)
 
 
 STRANGE = ("apart", "copied", "mirrored")  # not the signals of one loop

@@ -94,3 +94,14 @@ def test_a_loop_that_cannot_be_checked_is_named_and_the_rest_goes_on(
 def test_nothing_to_read_is_exit_status_two(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     done = run(capfd, "check", tmp_path / "missing.csv")
     assert done.status == 2 and "missing.csv" in done.err
+
+
+def test_a_record_too_short_for_a_verdict_is_not_called_good(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    short = tmp_path / "short.csv"
+    short.write_text("".join(PLANT.read_text().splitlines(keepends=True)[:101]))
+    short.with_suffix(".loops.toml").write_bytes(PLANT.with_suffix(".loops.toml").read_bytes())
+    loops = checked(capfd, short)
+    scanned = json.loads(run(capfd, "scan", short, "--format", "json").out)["loops"]
+    assert {loop["verdict"] for loop in scanned} <= {"insufficient_data", "cannot_tell"}
+    for name, loop in loops.items():
+        assert loop["effect"] == "blocks" and "ten times Ti" in loop["meaning"], (name, loop["meaning"])
