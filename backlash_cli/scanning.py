@@ -25,6 +25,7 @@ DIAGNOSED = 1 << 20  # samples of an oscillation that are looked at, the last on
 FEWEST = 10  # usable samples of which anything can be said
 UNUSABLE = {code.partition(":")[0] for state, code in WORDS["samples"].values() if state != "FILLED"} | {
     "op_outside", "outside_range", "not_numbers", "bad_quality"}  # notes that may say why no sample can be used
+BY_LAW = 0.9  # of OP that a controller's law explains in manual: no operator moves it so
 COARSEST = 0.5  # largest sampling interval in integral times: half periods need points
 
 
@@ -127,9 +128,9 @@ class LoopScanner:
         manual: Confirmation | Note | None = None
         if tests := manual_stretches(record):
             from .model.manual_test import manual_test  # few records hold a test
-
             by_hand = np.where(record.state == SampleState.MANUAL, SampleState.GOOD, SampleState.MISSING)
-            if follows(replace(record, state=by_hand.astype(np.uint8)), settings):
+            law = identify(replace(record, state=by_hand.astype(np.uint8)))
+            if not isinstance(law, Note) and law.r2 > BY_LAW:
                 self._note(noted("manual_follows"))
             else:
                 manual = manual_test(tests, self.interval, settings.K, settings.Ti)

@@ -172,10 +172,12 @@ def test_output_of_another_controller_is_at_most_suspected():
     assert any("of the output's motion" in note.message for note in (*report.reasons, *report.warnings))
 
 
-def test_manual_that_is_none_makes_no_test_of_the_valve():
+@pytest.mark.parametrize("K", [1.0, 0.4, 2.5])  # of the settings, in parts of the true one: they may be wrong as well
+def test_manual_that_is_none_makes_no_test_of_the_valve(K):
     """The mode says manual throughout, and OP is moved by the controller all the same."""
     plain = simulate(load_scenarios("sample-plant")[0])
-    report = scan(replace(plain, state=np.full(len(plain), SampleState.MANUAL, np.uint8)))
+    settings = plain.settings.with_values("metadata", K=K * plain.settings.K)
+    report = scan(replace(plain, state=np.full(len(plain), SampleState.MANUAL, np.uint8), settings=settings))
     assert report.verdict is Verdict.INSUFFICIENT_DATA
     assert "manual_follows" in [note.code for note in report.warnings]
 

@@ -140,8 +140,11 @@ def _spread_evenly(stamps: IntArray, values: FloatArray) -> IntArray | None:
     whole = width in (SECOND // 1000, SECOND // 100, SECOND // 10, SECOND, 60 * SECOND, HOUR)  # what stamps are cut to
     if not (whole and 2 <= usual <= width and steady) or counts.max() > usual + 1:
         return None
-    of_one, of_next = (np.nanmedian(np.abs(values[lag:] - values[:-lag])) for lag in (usual, 1))
-    if of_one < 0.25 * of_next:
+    # of one source the next row is as far off with the same stamp as with another, and no further than the one behind
+    moves, on, same = np.abs(np.diff(values)), np.diff(stamps) > 0, np.abs(values[usual:] - values[:-usual])
+    most = np.nanquantile(moves, 0.95)
+    within, across, of_rank = (float(np.nanmean(np.minimum(x, most))) for x in (moves[~on], moves[on], same))
+    if of_rank < 0.9 * min(within, across) or min(within, across) < 0.5 * max(within, across):
         return None
     rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = np.where(np.abs(counts - usual) <= 1, counts, usual)

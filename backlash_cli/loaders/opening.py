@@ -96,7 +96,9 @@ class Text:
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
         size, total = self.path.stat().st_size, 0
         with part() if part else self.path.open("rb", buffering=0) as file:
-            magic = file.read(16)
+            magic = b""
+            with contextlib.suppress(BadZipFile):  # of a small part all is read: it is told below
+                magic = file.read(16)
             file.seek(0)
             codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)),
                                  ("zip" if part else "", None))
@@ -444,12 +446,14 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     whole, signals = any(map(is_whole, names)), [i for i, name in enumerate(names) if signal_role(name)]
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
-    if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in another line
-        for other in sorted((*reversed(rows[:best]), *rows[best + 1 :]), key=score_names, reverse=True):
-            joined = _joined(names, other, kinds)
-            if len(set(joined)) > len(set(names)) and "time" not in map(kind, other) and not is_column(
-                    other[0], "start", "bound"):  # no beginning, no end
-                return tuple(joined)
+    if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in other lines
+        others = [row for part in (rows[:best][::-1], rows[best + 1 :]) for row in sorted(part, key=score_names, reverse=True)
+                  if "time" not in map(kind, row) and not is_column(row[0], "start", "bound")]  # no beginning, no end
+        for _ in range(2 * bool(others)):  # loop, signal, and value or quality may each have their own
+            joined = max((_joined(names, other, kinds) for other in others), key=lambda row: len({*row}))
+            names = joined if len({*joined}) > len({*names}) else names
+        if names is not rows[best]:
+            return tuple(names)
     for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
         if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
                 not other[0] or is_column(other[0], "loop", "tag")):

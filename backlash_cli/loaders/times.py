@@ -324,7 +324,7 @@ class StampReader:
             return self._past_midnight(np.append(micros, NAT)[codes])
         if words and not self._zones and np.all(micros == NAT):
             values, _, units = Lexicon(words).parsed
-            if 2 * np.isfinite(values).sum() > len(values):
+            if 2 * np.isfinite(values).sum() > len(values) and self._unit != "digits":
                 self.name += f" ({units[0]})" * bool(units[0])  # 0 sec, as MATLAB writes durations
                 return self._numbers(np.append(values, np.nan)[codes])
         is_open = np.flatnonzero(_is_open(micros))

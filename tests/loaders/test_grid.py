@@ -108,6 +108,17 @@ def test_stamps_to_the_minute_are_spread():
     assert grid.start == T0 + 37 * SECOND
 
 
+@pytest.mark.parametrize(("noise", "late"), [(0.15, 0), (0.25, 0), (0.0, 30), (0.1, 30)])
+def test_two_sources_in_turn_are_no_coarse_stamps(noise, late):
+    """A second server has each sample as well, a little other, or half a minute late."""
+    rng = np.random.default_rng(5)
+    moves = 0.1 * np.cumsum(rng.standard_normal(7200)) + 0.5 * rng.standard_normal(7200)
+    assert codes(ordered(stamps(np.repeat(np.arange(3600.0), 2)), moves)) == ["coarse_stamps"]  # two rows a second
+    second = np.roll(moves, late) + noise * rng.standard_normal(7200)
+    with pytest.raises(LoopError, match="of two sources of a tag"):
+        ordered(stamps(np.repeat(np.arange(7200.0), 2)), np.column_stack([moves, second]).ravel())
+
+
 @pytest.mark.parametrize("seconds", [np.zeros(50), np.repeat([0.0, 1.0], 200)])
 def test_no_time_passes(seconds):
     with pytest.raises(LoopError) as caught:
