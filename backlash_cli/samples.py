@@ -128,8 +128,7 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
 
 def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
     """(rows,) True where samples are exactly 0, up to LONE in a row, or one of STANDINS, and lie far outside all
-    others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; or beyond LARGEST, as 3.4e38 is;
-    None where there are none."""
+    others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; or beyond LARGEST; None: none."""
     outer = float(np.fmin.reduce(values, initial=np.inf)), float(np.fmax.reduce(values, initial=-np.inf))
     if max(-outer[0], outer[1]) > LARGEST:
         beyond = np.abs(values) > LARGEST

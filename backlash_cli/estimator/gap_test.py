@@ -165,8 +165,7 @@ def _free_answers(p: Predictor, cross: FloatArray, own: FloatArray, right: Float
     """What signals gain, each with an answer of its own, from products of their lags with the columns and themselves
     (`_beside`) and with the error of the prediction, right (signals, lags).
 
-    Returns the gains [nats] (signals,), the coefficients of the lags (signals, lags), and those of the columns beside
-    them (signals, columns)."""
+    Returns gains [nats] (signals,), coefficients of the lags (signals, lags), and of the columns (signals, columns)."""
     solved = np.linalg.solve(p.gram, cross)
     left = own - np.swapaxes(cross, 1, 2) @ solved
     diagonal = np.einsum("gii->gi", left)  # a view

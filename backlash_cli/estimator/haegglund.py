@@ -94,8 +94,7 @@ def published_estimates(record: Record) -> tuple[Estimate, ...]:
 
 
 def tally(h: Estimates, left_out: int, seconds: float) -> dict[str, Any]:
-    """Return counts and estimates by their names in a LoopReport. left_out: half periods too short to be kept. seconds:
-    of the record that were used."""
+    """Return counts and estimates by their names in a LoopReport. left_out: too short to be kept. seconds: used."""
     counts = np.bincount(h.why, minlength=len(WHY)).tolist()
     counts[TOO_SHORT] += left_out
     everything, accepted = sum(counts), counts[OK]

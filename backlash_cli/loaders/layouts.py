@@ -192,7 +192,8 @@ def _recognise(head: Head) -> str:
         return "tall" if {*head.loops} - {*head.times} else "wide"
     followed = all(i + 1 < len(head.names) and i + 1 not in head.times for i in head.times)
     alike = len({(head.is_time(i), head.kinds[i] == "clock") for i in head.times}) == 1  # not stamps and a counter
-    if len(head.times) >= 2 and (followed or _leading(head)) and alike and head.kinds[head.times[0]] != "clock":
+    if len(head.times) >= 2 and (followed or _leading(head)) and alike and head.kinds[head.times[0]] != "clock" and (
+            "hours" not in head.parts.values()):
         return "pairs"
     return "long" if head.times and not wide and (head.ids or name_columns(head, texts)) else "wide"
 
@@ -205,16 +206,18 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     halves = [i for i, unit in head.parts.items() if unit == "half"]
     of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
         clocks or u in ("", "half", *DATE))]
-    dates = [i for i in columns if of_day and i not in clocks and not head.parts.get(i) and (
-        is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where))][:1]
+    whole = [i for i in columns if of_day and i not in clocks and not head.parts.get(i)]
+    dates = [i for i in whole if is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where)]
+    if not clocks and (stamps := [i for i in whole if i not in dates and head.is_time(i)]):  # hours, for partitions
+        dates, columns = [], stamps
     if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
         dates = [i for i, unit in head.parts.items() if unit in DATE]
     if dates and of_day:
-        return (*dates, *of_day, *halves), {*columns, *dates, *of_day, *halves}
+        return (*dates[: None if head.parts.get(dates[0]) else 1], *of_day, *halves), {*head.times, *head.parts}
     utc = [i for i in columns if re.search("utc|epoch", head.names[i], re.IGNORECASE)]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(_LATER.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))
-    return (best, *halves), {*columns, *halves}
+    return (best, *halves), {*head.times, *head.parts}
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:

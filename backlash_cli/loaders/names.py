@@ -10,6 +10,7 @@ from ..words import Words
 WORDS, explained, noted = (_own := Words(__package__)).tables, _own.explained, _own.noted
 SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.format_map(WORDS["columns"]).split()) for kind, words in WORDS["columns"].items()}
+_LIKE = {kind: re.compile(test.replace("TIME", "|".join(COLUMNS["time"]))) for kind, test in WORDS["like"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
 BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
 NESTED_LIMIT = 500  # longer names are taken apart once only
@@ -68,10 +69,7 @@ def signal_role(text: str) -> str:
 def is_column(text: str, *kinds: str) -> bool:
     """Say whether a header names a column of one of some kinds; time stamps and qualities by a part of it as well."""
     word = plain(text)
-    return any(word in COLUMNS[kind] for kind in kinds) or ("time" in kinds and (
-        re.sub(r"(?:[mun]?s|msec)$", "", word) in COLUMNS["time"]
-        or (word.startswith(("timestamp", "datetime", "zeitstempel")) and len(word) < 24))) or (
-        "quality" in kinds and len(word) < 24 and any(part in word for part in ("valid", "qualit", "gültig")))
+    return any(word in COLUMNS[kind] or (kind in _LIKE and bool(_LIKE[kind].match(word))) for kind in kinds)
 
 
 def _labelled(name: str) -> str:

@@ -52,8 +52,7 @@ _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for o
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
 _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?(?:\d{1,4}[-/.:]\d\d?[-/.:]|\d{9})\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
 RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
-HEAD_LINES, HEAD_SIZE = 100, 160_000  # lines that are looked at first, and characters in further ones
-JOINED, MOST_TABLES = 40, 1000  # lines at most of one cell in quotes; tables of one text
+HEAD_LINES, HEAD_SIZE, JOINED, MOST_TABLES = 100, 160_000, 40, 1000  # first lines, characters; of a cell; in a text
 _HERTZ = re.compile(r"(?i)(?=.*[1-9])(\d+(?:\.\d+)?) *(Hz)?")
 Line = tuple[int, int, str]
 
@@ -447,14 +446,13 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in other lines
-        others = [row for part in (rows[:best][::-1], rows[best + 1 :]) for row in sorted(part, key=score_names, reverse=True)
-                  if "time" not in map(kind, row) and not is_column(row[0], "start", "bound")]  # no beginning, no end
+        others = [row for row in (*sorted(rows[:best][::-1], key=score_names, reverse=True), *sorted(
+            rows[best + 1 :], key=score_names, reverse=True)) if "time" not in map(kind, row) and not is_column(
+                row[0], "start", "bound")]  # no beginning, no end
         for _ in range(2 * bool(others)):  # loop, signal, and value or quality may each have their own
             joined = max((_joined(names, other, kinds) for other in others), key=lambda row: len({*row}))
             names = joined if len({*joined}) > len({*names}) else names
-        if names is not rows[best]:
-            return tuple(names)
-    for other in () if whole or len(set(words)) < len(words) else rows[:best]:  # FIC101, FIC101 above SP, PV
+    for other in rows[: best * (not whole and len(set(words)) == len(words) and names is rows[best])]:  # FIC101 above
         if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
                 not other[0] or is_column(other[0], "loop", "tag")):
             return tuple(_joined(names, other, kinds))

@@ -63,8 +63,7 @@ def read(inputs: Inputs | pd.DataFrame, *, loops: str | PathLike[str] | Metadata
          options: ReadOptions | None = None) -> Plant:
     """Read one plant from exports (files or folders) and its loop settings. inputs: CSV, Parquet or Excel files,
     folders, Parquet datasets; or a table in memory, its columns named as those of a file, with the times in a column or
-    the index. loops: metadata file, or what is in it; None: found next to the data. Raises BacklashError only when
-    nothing can be read."""
+    the index. loops: metadata file, or what is in it; None: found next to the data. Raises BacklashError."""
     if not isinstance(inputs, (str, PathLike, Sequence)):
         with TemporaryDirectory() as folder:
             file = Path(folder, "DataFrame.parquet")

@@ -366,8 +366,7 @@ def _tags(keys: Collection[str], of_loop: bool) -> list[str]:
     return [".".join(filter(None, own)) for own in cells]
 
 
-def _by_tag(axis: Axis, store: Store, tags: Collection[str], blank: set[int], head: Head, layout: Layout
-            ) -> list[Series]:
+def _by_tag(axis: Axis, store: Store, tags: list[str], blank: set[int], head: Head, layout: Layout) -> list[Series]:
     """Put the rows of each tag, or of each loop of a tall file, together."""
     tall = layout.kind == "tall"
     moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))

@@ -72,8 +72,7 @@ def growth(now: Segment | None) -> float | None:
 
 def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods, history: str = "") -> None:
     """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
-    old report stays until the new one is whole. half_periods: gives those of a loop in so many last days. history: its
-    name."""
+    old report stays until the new one is whole. half_periods: of a loop in so many last days. history: its name."""
     single = is_page(output)
     times = [n.time for p in places for n in p.wear.nights]
     first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked

@@ -35,8 +35,7 @@ def stem_of(path: Path) -> str:
 def write_plant(path: Path, records: Sequence[Record], *, layout: str = "wide", finest: float = FINEST) -> None:
     """Write the records of a plant in engineering units, whole or not at all; the suffix of `path` is the format.
 
-    layout: "wide" (one column per signal; all loops need the same times) or "long" (tag, time, value). finest: rounding
-    of the numbers in spans."""
+    layout: "wide" (a column per signal; all loops need the same times) or "long" (tag, time, value). finest: [span]."""
     stem_of(path)
     table = (_long if layout == "long" else _wide)(records, finest)
     # Arrow puts no time stamp into gzip, so that the same plant gives the same bytes

@@ -8,6 +8,7 @@ import io
 import re
 import tarfile
 import time
+import zipfile
 from datetime import timedelta
 from itertools import chain
 from zoneinfo import ZoneInfo
@@ -1118,3 +1119,61 @@ def test_a_table_of_which_nothing_is_left_is_refused_in_one_message(tmp_path):
     text = ["times26-03-17T23:55:07,405.00,417.92", *rows, "2026-03-17tamp,FIC101.SP,FIC101.PV"]
     with pytest.raises(InputError, match="no rows of data"):
         read(save(tmp_path, "\n".join(text)))
+
+
+LOOPS, ROLES = ("FIC101", "PIC303"), ("SP", "PV", "OP")
+EACH, ALL = [loop for loop in LOOPS for _ in ROLES], [role for _ in LOOPS for role in ROLES]
+UNITS = ["m3/h", "m3/h", "%", "bar", "bar", "%"]
+
+
+def twice(cells, second=""):
+    return [cell for one in cells for cell in (one, one if second is None else second)]
+
+
+@pytest.mark.parametrize("rows", [
+    [["Object", *EACH], ["Property", *ALL], ["Timestamp", *["Value"] * 6]],
+    [["", *EACH], ["", *ALL], ["Time", *UNITS]],
+    [["Loop", *EACH], ["Signal", *ALL], ["Time", *UNITS]],
+    [["", *twice(("FIC101", "", "", "PIC303", "", ""))], ["", *twice(ALL)], ["Time", *["Value", "Quality"] * 6]],
+    [["Loop", *twice(EACH, None)], ["Signal", *twice(ALL, None)], ["Time", *["Value", "Quality"] * 6]],
+], ids=["values", "units", "labels", "merged", "repeated"])
+def test_loop_signal_and_what_a_cell_is_in_a_line_each(tmp_path, rows):
+    marked = len(rows[0]) > 7
+    body = [re.sub(r",([^,\n]+)", r",\1,Good", row) if marked else row for row in wide(iso).splitlines()[1:]]
+    plant = read(save(tmp_path, "\n".join([*map(",".join, rows), *body])))
+    assert [record.loop for record in plant] == [*LOOPS]
+    for loop, span in (("FIC101", 900.0), ("PIC303", 16.0)):
+        equals_the_recording(plant[loop], loop, span)
+        np.testing.assert_allclose(100.0 * plant[loop].output, SIGNALS[f"{loop}.OP"], atol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["wide", "wide, stamps last", "long"])
+def test_days_and_hours_of_partitions_beside_whole_stamps(tmp_path, form):
+    head, *rows = wide(iso).splitlines()
+    if form == "long":
+        text = long(lambda tag, stamp, value: f"{stamp:%Y-%m-%d},{stamp.hour},{tag},{iso(stamp)},{value}",
+                    "date,hour,tag,timestamp,value")
+    else:
+        rows = [row.split(",", 1) for row in rows]
+        rows = [(stamp, f"{stamp[:10]},{int(stamp[11:13])}", cells) for stamp, cells in rows]
+        text = "\n".join([head.replace("timestamp", "timestamp,date,hour", 1), *map(",".join, rows)]) if form == "wide" else (
+            "\n".join([head.replace("timestamp,", "date,hour,", 1) + ",timestamp",
+                       *(f"{day},{cells},{stamp}" for stamp, day, cells in rows)]))
+    equals_the_recording(read(save(tmp_path, text))["FIC101"])
+
+
+def test_stamps_that_a_spreadsheet_has_rounded_are_refused(tmp_path):
+    text = re.sub(r"(?m)^\d[^,]*", "2.02603E+13", wide(iso))
+    with pytest.raises(InputError, match=r"no readable time stamps.*spreadsheet has spoiled"):
+        read(save(tmp_path, text))
+
+
+def test_a_damaged_small_file_in_an_archive_costs_itself_only(tmp_path):
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w") as archive:
+        archive.writestr("plant.csv", wide(iso))
+        archive.writestr("other.csv", "a,b\n1,2\n")
+    spoilt = whole.getvalue().replace(b"a,b\n1,2\n", b"a,b\n1,3\n")
+    plant = read(save(tmp_path, spoilt, "plant.zip"))
+    equals_the_recording(plant["FIC101"])
+    assert any("other.csv" in str(failure) for failure in plant.failures)
