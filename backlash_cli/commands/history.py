@@ -64,7 +64,7 @@ def moment_of(date: str) -> float:
 def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bool, target: Path | None,
             table: str | None, repair: tuple[str, str, str] | None, remove_repair: tuple[str, str] | None) -> None:
     """List what a history holds, export it, or enter repairs."""
-    if (path := db or named) is None:
+    if (path := db or named) is None or (db and named):
         raise refusal(UsageError, "which_history")
     if target is None and table is not None:
         raise UsageError(f"--table {table}: tables go to a file", remedy=f"add --export {table}.csv")
@@ -84,9 +84,9 @@ def history(db: Path | None, named: Path | None, loop: tuple[str, ...], runs: bo
                 raise refusal(UsageError, "no_repair", path, loop=name, date=date, days=days)
             say(f"repair of {name} on {date} taken back")
         if target is not None:
-            rows = history_rows(store, table or "nights", names)
-            write_rows(rows, target)
-            say(f"{len(rows)} rows of {table or 'nights'} written to {target}")
+            table = table or ("runs" if runs else "nights")
+            write_rows(rows := history_rows(store, table, names), target)
+            say(f"{len(rows)} rows of {table} written to {target}")
         if not (repair or remove_repair or target):
             put(None, screen("runs.txt", width=WIDTH, runs=store.runs()) if runs else history_report.loops_text(
                 {n: store.nights(n) for n in names}, {n: store.repairs(n) for n in names}, len(store.runs())))

@@ -280,8 +280,8 @@ def stored(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def check_folder(path: Path) -> None:
-    """Raises BacklashError where a folder has the name of a history, or where there is none that it could lie in."""
-    if path.is_dir():
+    """Raises BacklashError where a folder or pipe has the name of a history, or there is no folder it could lie in."""
+    if path.exists() and not path.is_file():
         raise BacklashError(**explained("history_folder"), where=str(path))
     if not path.parent.is_dir():
         raise BacklashError(**explained("history_nowhere"), where=str(path.parent))

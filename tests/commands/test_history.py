@@ -172,6 +172,9 @@ def test_export_to_csv_and_parquet(capfd, db, tmp_path):
     assert "'night' is not one of 'nights', 'half_periods', 'repairs', 'runs'" in run(
         capfd, "history", db, "--export", path, "--table", "night").err
     assert "0 rows" in run(capfd, "history", db, "--export", tmp_path / "r.csv", "--table", "repairs").err
+    assert "rows of runs" in run(capfd, "history", db, "--export", tmp_path / "r.csv", "--runs").err
+    two = run(capfd, "history", db, "--history", tmp_path / "other.db")
+    assert two.status == 2 and "name its file, once" in two.err
 
 
 @pytest.mark.parametrize("words", [

@@ -116,9 +116,11 @@ def test_what_was_never_resumed_goes_after_a_month(tmp_path):
 def test_a_place_that_cannot_be_written_is_said_at_the_start(tmp_path):
     with pytest.raises(BacklashError, match="folder of the history"):
         Unfinished(tmp_path / "none" / "h.db", (), resume=False)
-    for folder in (tmp_path, "."):
+    os.mkfifo(pipe := tmp_path / "pipe")
+    for folder in (tmp_path, ".", pipe):
         with pytest.raises(BacklashError, match="this is a folder"):
             Unfinished(folder, (), resume=False)
+    assert [*tmp_path.iterdir()] == [pipe]
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
