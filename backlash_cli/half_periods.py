@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from .record import PIECE, FloatArray, Frozen, IntArray, Record, SampleState
 
+NOT_USED = 2  # in place of the sign of an error
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
 
 
@@ -115,16 +116,18 @@ def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
 
 
 def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None,
-            least: tuple[float, float] = (0.0, 0.0)) -> tuple[Segments, OpenHalfPeriod | None, int]:
-    """Cut a block of usable samples into half periods.
+            least: tuple[float, float] = (0.0, 0.0), use: NDArray[np.bool_] | None = None
+            ) -> tuple[Segments, OpenHalfPeriod | None, int]:
+    """Cut a block of samples into half periods.
 
     error, setpoint: (samples,) [span]. index: (samples,) grid positions, strictly increasing; a jump ends a half
-    period. open_: what the previous block left open. Returns the half periods that ended inside this block, the one
-    left open, and the number of complete ones below the least area [span samples] or length [samples]."""
+    period, and so does a sample that is not to `use` (None: all are). open_: what the previous block left open. Returns
+    the half periods that ended inside this block, the one left open, if the last sample is used, and the number of
+    complete ones below the least area [span samples] or length [samples]."""
     if not len(error):
         return Segments.join([]), open_, 0
     if open_ is None:  # as if the first error had stood there one sample before, less the area of that step
-        first = float(error[0])
+        first = float(error[0]) if use is None or use[0] else 0.0
         open_ = OpenHalfPeriod(int(np.sign(first)), float(index[0]), False, -abs(first), abs(first), 0.0,
                                int(index[0]) - 1, first, float(setpoint[0]))
     o, n = open_, len(error)
@@ -133,6 +136,9 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     np.abs(error, out=size[1:])
     np.subtract((error > 0.0).view(np.int8), (error < 0.0).view(np.int8), out=sign[1:])
     apart = behind_gaps(index, o.last_index)
+    if use is not None and not use.all():  # what is not used is a stretch of its own, in no direction
+        size[1:][~use], sign[1:][~use] = 0.0, NOT_USED
+        apart |= np.diff(use, prepend=True)
     if not sign.all():  # an exact zero belongs to the half period before it
         known = (sign != 0) | np.append(True, apart)
         sign = sign[np.maximum.accumulate(np.where(known, np.arange(n + 1), 0))]
@@ -149,7 +155,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     begin, began = np.append(o.begin, np.where(crossed, end, index[ends])), np.append(o.crossed, crossed)
     complete, direction = began[:-1] & crossed, sign[ends].astype(int)
     small = complete & ((area[:-1] < least[0]) | (end - begin[:-1] < least[1]))
-    kept = np.flatnonzero((direction != 0) & ~small)
+    kept = np.flatnonzero((np.abs(direction) == 1) & ~small)
     # only of those that are kept, and of the one left open: what lies between two of them is one piece for `reduceat`
     cuts, size[0] = np.append(firsts[kept[:, None] + [0, 1]], firsts[-1]), o.e_max
     peak, moved = np.maximum.reduceat(size, cuts)[::2], np.where(cuts[::2] == 0, o.move, 0.0)
@@ -159,7 +165,7 @@ def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: Ope
     done = Segments(begin[kept], end[kept], area[kept], peak[:-1], direction[kept], moved[:-1], complete[kept])
     left = OpenHalfPeriod(int(sign[-1]), float(begin[-1]), bool(began[-1]), float(area[-1]), float(peak[-1]),
                           float(moved[-1]), int(index[-1]), float(error[-1]), float(setpoint[-1]))
-    return done, left, int(np.count_nonzero(small))
+    return done, left if use is None or use[-1] else None, int(np.count_nonzero(small))
 
 
 class ErrorTrack:
@@ -172,9 +178,9 @@ class ErrorTrack:
         self._least = least
         self.parts: list[Segments] = []  # those that have ended
 
-    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray) -> None:
-        """Take the next usable samples; see `segment`."""
-        done, self.open, left_out = segment(error, setpoint, index, self.open, self._least)
+    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray, use: NDArray[np.bool_] | None) -> None:
+        """Take the next samples; see `segment`."""
+        done, self.open, left_out = segment(error, setpoint, index, self.open, self._least, use)
         self.left_out += left_out
         self.parts.append(done)
 
@@ -215,7 +221,5 @@ class ErrorScanner:
             smooth, self.states[1] = self.stages[1].run(plain, self.states[1], holes)
             self.last_index = int(index[-1])
             use = (state <= FILLED) & np.isfinite(setpoint)
-            if not use.all():
-                index, setpoint, plain, smooth = index[use], setpoint[use], plain[use], smooth[use]
-            self.plain.update(np.subtract(setpoint, plain, out=plain), setpoint, index)
-            self.smooth.update(np.subtract(setpoint, smooth, out=smooth), setpoint, index)
+            self.plain.update(np.subtract(setpoint, plain, out=plain), setpoint, index, use)
+            self.smooth.update(np.subtract(setpoint, smooth, out=smooth), setpoint, index, use)

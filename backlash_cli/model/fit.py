@@ -210,8 +210,7 @@ def slopes(solver: Solver, shape: Shape, free: list[Free]) -> FloatArray:
 
 
 def fit(problem: Problem, shape: Shape, noise: Noise, *, rounds: int = 3, before: float = np.inf) -> Fit:
-    """Fit a shape from start values, whose deviance was `before`: searched numbers and noise in turn until the
-    likelihood stands still."""
+    """Fit a shape from start values, whose deviance was `before`: searched numbers and noise in turn."""
     for _ in range(rounds):
         solver = Solver(problem, noise)
         shape = descend(solver, shape)

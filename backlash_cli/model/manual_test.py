@@ -228,8 +228,7 @@ def _most_likely(data: _Blocks, stems: Sequence[Sequence[FloatArray]], noises: S
 
 def _fitted(data: _Blocks, widths: Sequence[float] | FloatArray, models: Sequence[Model],
             K: float | None, rounds: int = ROUNDS) -> _Fits:
-    """All models with every dead band and start: fields (models, widths * starts, ..). With K, answers of the wrong
-    sign count for nothing."""
+    """All models with every dead band and start: (models, widths * starts, ..). With K, only those of its sign."""
     starts = STARTS if len(widths) > 1 or widths[0] > 0.0 else (0.0,)
     stems = [data.stems(float(d), s) for d in widths for s in starts]
     whitened = (data.whitened(noise, data.columns(stems, [answer])) for noise, answer in models)

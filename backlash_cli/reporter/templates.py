@@ -58,8 +58,7 @@ def sentence(name: str, *about: Any) -> str:
 
 
 def screen(template: str, *, colour: bool = False, width: int = WIDTH, **content: Any) -> str:
-    """Return a report of at most `width` columns; nothing in a text is taken for markup. template: NAME.txt; content:
-    the values it asks for."""
+    """A report of at most `width` columns; no text is taken for markup. template: NAME.txt; content: its values."""
     out, tables = io.StringIO(), list[Table]()
     console = Console(file=out, width=width, force_terminal=colour, highlight=False, markup=False, emoji=False,
                       color_system="standard" if colour else None, legacy_windows=False)

@@ -1156,9 +1156,9 @@ def test_days_and_hours_of_partitions_beside_whole_stamps(tmp_path, form):
     else:
         rows = [row.split(",", 1) for row in rows]
         rows = [(stamp, f"{stamp[:10]},{int(stamp[11:13])}", cells) for stamp, cells in rows]
-        text = "\n".join([head.replace("timestamp", "timestamp,date,hour", 1), *map(",".join, rows)]) if form == "wide" else (
-            "\n".join([head.replace("timestamp,", "date,hour,", 1) + ",timestamp",
-                       *(f"{day},{cells},{stamp}" for stamp, day, cells in rows)]))
+        first = [head.replace("timestamp", "timestamp,date,hour", 1), *map(",".join, rows)]
+        last = [head.replace("timestamp,", "date,hour,", 1) + ",timestamp", *(f"{b},{c},{a}" for a, b, c in rows)]
+        text = "\n".join(first if form == "wide" else last)
     equals_the_recording(read(save(tmp_path, text))["FIC101"])
 
 
