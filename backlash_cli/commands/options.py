@@ -153,8 +153,8 @@ def command(name: str) -> click.Command:
                 with path.open("rb") as file:
                     begins = file.read(len(REPORT))
                 if begins != REPORT:
-                    raise UsageError("this is the export itself, or its settings, or a model that is read", where=
-                                     f"{path}", remedy="name another file for what is written, such as --history")
+                    raise UsageError("this is the export itself, or its settings, or a model that is read",
+                                     where=f"{path}", remedy="name another file for --history or what is written")
         if (page := given.get("html")) and page.suffix not in ("", ".html", ".htm"):  # no page over an export
             raise UsageError("a page ends in .html", where=f"--html {page}", remedy="end its name with .html")
         return function_of(name)(**given)

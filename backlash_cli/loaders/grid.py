@@ -142,7 +142,8 @@ def _spread_evenly(stamps: IntArray, values: FloatArray) -> IntArray | None:
         return None
     # of one source the next row is as far off with the same stamp as with another, and no further than the one behind
     moves, on, same = np.abs(np.diff(values)), np.diff(stamps) > 0, np.abs(values[usual:] - values[:-usual])
-    within, across, of_rank = (np.fmin(x, np.nanquantile(moves, 0.95)).mean() for x in (moves[~on], moves[on], same))
+    most = np.nanquantile(moves, 0.95)
+    within, across, of_rank = (np.fmin(x, most).mean() for x in (moves[~on], moves[on], same))
     if of_rank < 0.9 * min(within, across) or min(within, across) < 0.5 * max(within, across):
         return None
     rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -446,11 +446,10 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     words = [plain(name) for name in names if name and not (  # a quality, a time stand beside each tag
         whole and is_column(name, "time", "quality", "ignored", "value"))]
     if len(set(words)) < len(words) or names.count("") > width / 3:  # the header goes on in other lines
-        others = [row for row in (*sorted(rows[:best][::-1], key=score_names, reverse=True), *sorted(
-            rows[best + 1 :], key=score_names, reverse=True)) if "time" not in map(kind, row) and not is_column(
-                row[0], "start", "bound")]  # no beginning, no end
-        for _ in range(2 * bool(others)):  # loop, signal, and value or quality may each have their own
-            joined = max((_joined(names, other, kinds) for other in others), key=lambda row: len({*row}))
+        others = [row for part in (rows[:best], rows[best + 1 :][::-1]) for row in sorted(part, key=score_names)[::-1]
+                  if "time" not in map(kind, row) and not is_column(row[0], "start", "bound")]  # no beginning, no end
+        for _ in range(2):  # loop, signal, and value or quality may each have their own
+            joined = max((_joined(names, other, kinds) for other in others), key=lambda row: len({*row}), default=names)
             names = joined if len({*joined}) > len({*names}) else names
     for other in rows[: best * (not whole and len(set(words)) == len(words) and names is rows[best])]:  # FIC101 above
         if len({other[i] for i in signals}) == 1 and re.fullmatch(r"\S*[^\W\d]\S*\d\S*", other[signals[0]]) and (
