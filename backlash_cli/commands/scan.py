@@ -24,7 +24,6 @@ from ..loaders.plant import OpenPlant, open_plant
 from ..loaders.sources import Source, find_sources
 from ..reporter.check_table import checked
 from ..reporter.files import form_of
-from ..reporter.plant_files import write_plant, write_settings
 from ..reporter.safe import counted
 from ..reporter.scan_report import check_delivery, draw, met, parse_rules, render, write
 from ..reporter.templates import sentence
@@ -111,6 +110,7 @@ def sample_plant(export: Export, *, shown: bool) -> Iterator[Export]:
     """Give the export of the simulated sample plant, made for the time of the block."""
     from tempfile import TemporaryDirectory
 
+    from ..reporter.plant_files import write_plant, write_settings
     from ..simulator import simulate
     from ..simulator.scenario_file import load_scenarios
 

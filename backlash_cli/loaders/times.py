@@ -74,7 +74,7 @@ def _is_open(micros: IntArray) -> NDArray[np.bool_]:
 def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     """Return (microseconds since 1970, NAT or open, has an offset) of the parts of dates and times of day."""
     hour, minute, second = (_looked_up(fields.field(name), lambda text: int(text or 0)) for name in ("h", "mi", "s"))
-    half = _looked_up(fields.field("ap"), lambda text: "ap".find(text[:1].lower()) if text else -1)
+    half = _looked_up(fields.field("ap"), lambda text: "apsc".find(text[:1].lower()) % 2 if text else -1)  # also SA, CH
     hour = np.where((half == 1) & (hour < 12), hour + 12, np.where((half == 0) & (hour == 12), 0, hour))
     fraction = pc.utf8_slice_codeunits(pc.utf8_rpad(pc.fill_null(fields.field("f"), ""), 6, "0"), 0, 6)
     offset, undated = _looked_up(fields.field("z"), _minutes_east), fields.type.get_field_index("a") < 0

@@ -45,6 +45,7 @@ def cell(tag: str, value: float) -> str:
     return f"{value:.{2 if tag.endswith('OP') else DIGITS[tag.split('.')[0]]}f}"
 
 
+@cache
 def iso(stamp: datetime) -> str:
     return stamp.strftime("%Y-%m-%dT%H:%M:%S")
 

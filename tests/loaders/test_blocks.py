@@ -1,6 +1,6 @@
 """However a file is cut into blocks, and whatever of it stays in memory, the records are the same.
 
-Chunks of a long loop put together are its record.
+Chunks of a long loop put together are its record. Exports of every kind are read both ways where they are listed.
 """
 
 import gc
@@ -29,9 +29,6 @@ from backlash_cli.record import SampleState, failure
 from backlash_cli.scanning import ScanOptions
 from backlash_cli.scratch import Room
 from tests.small_plant import records, write_plant
-
-from .test_layouts import EXPORTS
-from .test_more_layouts import MORE
 
 START = np.datetime64("2026-10-25T00:00:00", "ms")
 LOOPS = "[defaults]\nK = 0.6\nTi = 8\npv_range = [0, 1]\nop_range = [0, 1]\n"
@@ -87,14 +84,6 @@ def assert_same(whole, lazy):
         assert (a.start, a.interval, a.settings, a.notes) == (b.start, b.interval, b.settings, b.notes)
         for name in ("index", "setpoint", "measurement", "output", "state"):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=f"{a.loop} {name}")
-
-
-@pytest.mark.parametrize("key", [*EXPORTS, *MORE])
-def test_every_export_is_read_alike_in_blocks(key, tmp_path):
-    export = {**EXPORTS, **MORE}[key]
-    inputs, options = export.write(tmp_path), ReadOptions(**export.options)
-    assert_same(outcome(lambda: read(inputs, options=options)),
-                outcome(lambda: read_in(inputs, options, block=20_001)))
 
 
 @st.composite

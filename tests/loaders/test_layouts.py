@@ -17,6 +17,7 @@ import pytest
 from backlash_cli.loaders import ReadOptions, read
 
 from .exports import DIGITS, RANGES, SETTINGS, SIGNALS, STAMPS, Export, arrow, cell, iso, long, wide
+from .test_blocks import assert_same, read_in
 
 EPOCH = datetime(1970, 1, 1)
 MONTHS = ["Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep", "Oct", "Nov", "Dec"]
@@ -269,13 +270,16 @@ EXPORTS = {
 
 @pytest.mark.parametrize("key", EXPORTS)
 def test_export_gives_the_recording(key, tmp_path):
-    same_recording(EXPORTS[key], tmp_path)
+    same_recording(EXPORTS[key], tmp_path, in_blocks=True)
 
 
-def same_recording(export, tmp_path):
-    """Hold the records of an export to the recording it was made from."""
-    plant = read(export.write(tmp_path), options=ReadOptions(**export.options))
+def same_recording(export, tmp_path, in_blocks=False):
+    """Hold the records of an export to the recording it was made from, and to what is read of it block by block."""
+    inputs, options = export.write(tmp_path), ReadOptions(**export.options)
+    plant = read(inputs, options=options)
     assert not plant.failures
+    if in_blocks:
+        assert_same(plant, read_in(inputs, options, block=20_001))
     assert {r.loop for r in plant} == set(export.loops)
     for name, origin in export.loops.items():
         record = plant[name]

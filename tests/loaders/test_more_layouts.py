@@ -288,7 +288,7 @@ for key, (separator, decimal, delimiter) in GROUPED.items():
 
 @pytest.mark.parametrize("key", MORE)
 def test_rarer_export_gives_the_recording(key, tmp_path):
-    same_recording(MORE[key], tmp_path)
+    same_recording(MORE[key], tmp_path, in_blocks=True)
 
 
 @pytest.mark.parametrize(("text", "said"), [

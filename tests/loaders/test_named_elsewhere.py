@@ -17,7 +17,7 @@ from backlash_cli.errors import BacklashError
 from backlash_cli.loaders import read
 from backlash_cli.record import SampleState
 
-from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, Export, cell, iso, long, wide
+from .exports import RANGES, ROWS, SETTINGS, SIGNALS, STAMPS, START, Export, cell, iso, long, wide
 from .test_layouts import NEAR, comma, pairs, same_recording, seconds
 from .test_more_layouts import packed, renamed, row
 
@@ -127,6 +127,11 @@ EXPORTS = {
     "signals_of_metso": Export({"plant.csv": wide(name=renamed(SP="{}:spv", PV="{}:me", OP="{}:con"))}),
     "dot_behind_the_year": Export({"plant.csv": wide(lambda t: f"{t.day}.{t.month}.{t.year}. {t:%H:%M:%S}", time_name="Vrijeme")}),
     "greek_halves_of_the_day": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y %I:%M:%S} {'πμ' if t.hour < 12 else 'μμ'}", time_name="Ώρα")}),
+    "vietnamese": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y} {t.hour % 12 or 12}:{t:%M:%S} {'SA' if t.hour < 12 else 'CH'}", name=renamed(SP="{} Giá trị đặt", PV="{} Giá trị đo", OP="{} Độ mở van"), time_name="Thời gian")}),
+    "hours_of_south_africa": Export({"plant.csv": wide(lambda t: f"{t:%Y-%m-%d %H:%M:%S} SAST")}, start=START - timedelta(hours=2)),
+    "german_abbreviations": Export({"plant.csv": wide(name=renamed(SP="{}.Sollw", PV="{}.Istw", OP="{}.Stellgr"))}),
+    **{f"{word}_behind_the_signal": Export({"plant.csv": wide(name=lambda n, word=word: f"{n}{word}")})
+       for word in (".ActualValue", "/Current Value", ".Interpolated", "_ReadValue", ".IO")},
     "word_before_the_clock": Export({"plant.csv": wide(lambda t: f"{t:%d/%m/%Y à %H:%M:%S}", time_name="Date")}),
     "russian_months": Export({"plant.csv": wide(lambda t: f"{t.day} марта {t:%Y %H:%M:%S}", time_name="Время")}),
     "date_and_clock_joined_by_a_colon": Export({"plant.csv": wide(lambda t: f"{t:%d%b%Y:%H:%M:%S}".upper())}),

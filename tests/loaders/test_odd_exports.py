@@ -392,6 +392,12 @@ def test_what_is_no_export_is_called_what_it_is(tmp_path, text, said):
         read(save(tmp_path, text, "plant.csv"))
 
 
+def test_text_of_a_mainframe_is_called_so_and_a_line_of_capitals_is_not(tmp_path):
+    with pytest.raises(InputError, match=r"text of a mainframe \(EBCDIC\).*iconv"):
+        read(save(tmp_path, wide().encode("cp037"), "a.csv"))
+    equals_the_recording(read(save(tmp_path, "K%" * 400 + "\n\n" + wide(), "b.csv"))["FIC101"])
+
+
 def test_lines_above_a_table_are_no_head_of_an_e_mail(tmp_path):
     equals_the_recording(read(save(tmp_path, "From: 17.03.2026 08:00\nTo: 18.03.2026 08:00\n\n" + wide()))["FIC101"])
 

@@ -1,5 +1,7 @@
 """Tags told apart by what stands beside them, tags without a signal, and files of one loop by day."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ K = np.arange(ROWS)
 STAMPS = [f"2026-03-17 08:{k // 60:02d}:{k % 60:02d}" for k in K]
 
 
+@cache
 def signals(seed):
     rng = np.random.default_rng(seed)
     pv = 50 + 5 * seed + np.sin(K / 7) + 0.1 * rng.normal(size=ROWS)
