@@ -32,7 +32,7 @@ class Survey:
     def __init__(self, most: int = MOST) -> None:
         self.most = most
         self.states: IntArray = np.zeros(STATES, dtype=np.int64)
-        self.first = self.last = self.gaps = self.moves = self.with_setpoint = 0
+        self.first = self.last = self.gaps = self.moves = self.with_setpoint = self._dropped = 0
         self.longest = 1
         self.lowest, self.highest = np.full(2, np.inf), np.full(2, -np.inf)
         self._setpoint = np.zeros(0)  # the last usable one
@@ -71,8 +71,8 @@ class Survey:
         setpoint = block.setpoint if with_setpoint.all() else block.setpoint[with_setpoint]
         self.moves += int(np.count_nonzero(setpoint[1:] != setpoint[:-1]) + np.sum(self._setpoint != setpoint[:1]))
         self._setpoint = setpoint[-1:] if len(setpoint) else self._setpoint
-        while sum(map(len, self._blocks)) - len(self._blocks[0]) >= self.most:
-            self._blocks.popleft()
+        while self.samples - self._dropped - len(self._blocks[0]) >= self.most:
+            self._dropped += len(self._blocks.popleft())
 
     @property
     def kept(self) -> Record:

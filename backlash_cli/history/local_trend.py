@@ -125,7 +125,7 @@ class Nights(Frozen, eq=False):
             return columns
         edges = np.append(self.days, np.unique(days[days > self.days[-1]]))
         since = days[:, None] - 0.5 * (edges[1:] + edges[:-1])
-        walk = np.where(since > 0.0, since, 0.0) ** k / factorial(k) * (since > 0.0)
+        walk = np.where(since > 0.0, since**k / factorial(k), 0.0)
         step = max(float(np.median(np.diff(self.days))), 1e-3)
         # within so many nights it moves the level by as much as one night's error
         gain = np.interp(edges[:-1], self.days, self.error) ** 2 / (way.within ** (2 * k + 2) * step ** (2 * k + 1))

@@ -537,9 +537,9 @@ def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
     lines, at, offset = [*islice(stream, HEAD_LINES), *stream.readlines(HEAD_SIZE)], 0, 0
     last = len(lines) - (JOINED if stream.read(1) else 0)
     while at < last:
-        counts = accumulate(line.count('"') for line in lines[at : at + JOINED])
         # an open quote: go on to the line that closes it, if one comes soon
-        count = next((k for k, quotes in enumerate(counts, 1) if quotes % 2 == 0), 1)
+        count = 1 if lines[at].count('"') % 2 == 0 else next((k for k, quotes in enumerate(accumulate(
+            line.count('"') for line in lines[at : at + JOINED]), 1) if quotes % 2 == 0), 1)
         line = "".join(lines[at : at + count])
         found.append((at + 1, offset, line.rstrip("\r\n")))
         offset += len(line.encode())
