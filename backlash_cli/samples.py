@@ -229,7 +229,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
     normalised, None: not recorded. interpolated: PV not recorded; manual: not in automatic; mirrored: OP is PV."""
     wild = (pv < -BEYOND) | (pv > 1.0 + BEYOND)
     y, filled = short_holes(np.where(wild, np.nan, pv) if wild.any() else pv, index, bridge)
-    missing, off = ~np.isfinite(y), None if sp is None else np.abs(sp - pv)
+    missing, off = ~np.isfinite(y), None if sp is None else np.abs(apart := sp - pv, out=apart)
     marks = {"apart": None if off is None else off > APART, "copied": None if off is None else off == 0.0,
              "mirrored": mirrored, "wild": wild, "filled": filled, "repeated": pasted(pv), "frozen": frozen(y),
              "lost": missing & wild, "missing": missing & ~wild, "interpolated": interpolated,
