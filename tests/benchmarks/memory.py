@@ -27,24 +27,26 @@ from backlash_cli.loaders import clean
 from backlash_cli.loaders.options import ReadOptions
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.scratch import Room
-options, clean.CHUNK = ReadOptions(timezone=sys.argv[4] or None), int(sys.argv[5])
-opened = open_plant(sys.argv[1], options=options, room=Room(int(sys.argv[3])))
-result = scan(opened, ScanOptions(confirm=sys.argv[2] == "confirm"), jobs=1)
-# what getrusage says begins with the memory of the process that started this one
-peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) / (1 << 10)
-print(len(result.loops), peak, time.process_time())
+confirm, room, zone, clean.CHUNK = sys.argv[1], int(sys.argv[2]), sys.argv[3], int(sys.argv[4])
+for path in sys.argv[5:]:
+    opened = open_plant(path, options=ReadOptions(timezone=zone or None), room=Room(room))
+    result = scan(opened, ScanOptions(confirm=confirm == "confirm"), jobs=1)
+    # what getrusage says begins with the memory of the process that started this one
+    peak = next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith("VmHWM")) / (1 << 10)
+    print(len(result.loops), peak, time.process_time())
+    del opened, result
 """
 
 
-def peak_of(path: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "", chunk: int = CHUNK
-            ) -> tuple[int, float, float]:
-    """Return (loops, peak resident memory [MB], CPU time [s]) of a process that scans a file.
+def peaks_of(*paths: Path, confirm: bool = False, room: int = IN_MEMORY, zone: str = "", chunk: int = CHUNK
+             ) -> list[tuple[int, float, float]]:
+    """Return (loops, peak resident memory so far [MB], CPU time so far [s]) of one process that scans file after file.
 
     room: bytes of samples that are kept in memory. zone: of the stamps. chunk: rows of a long loop in memory at once.
     """
-    run = [sys.executable, "-c", _SCAN, str(path), "confirm" if confirm else "", str(room), zone, str(chunk)]
-    loops, peak, seconds = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
-    return int(loops), float(peak), float(seconds)
+    run = [sys.executable, "-c", _SCAN, "confirm" if confirm else "", str(room), zone, str(chunk), *map(str, paths)]
+    lines = subprocess.run(run, capture_output=True, text=True, check=True).stdout.splitlines()
+    return [(int(loops), float(peak), float(seconds)) for loops, peak, seconds in map(str.split, lines)]
 
 
 def kinds(days: int, names: list[str]) -> None:
@@ -54,7 +56,7 @@ def kinds(days: int, names: list[str]) -> None:
             peaks = []
             for length in (max(days // 4, 1), days):
                 path = write_kind(Path(folder, "plant.csv"), KINDS[name], length)
-                _, peak, seconds = peak_of(path, room=0, zone=KINDS[name].zone)
+                _, peak, seconds = peaks_of(path, room=0, zone=KINDS[name].zone)[0]
                 peaks.append(peak)
             print(f"{name:20} {path.stat().st_size / 1e6:5.0f} MB: peak {peaks[0]:4.0f} MB of a quarter, "
                   f"{peaks[1]:4.0f} MB of the whole, CPU {seconds:.1f} s", flush=True)
@@ -72,7 +74,7 @@ def main() -> None:
         for length in (days / 4.0, days):
             name = "plant.parquet" if "--parquet" in sys.argv else "plant.csv"
             path = (write_long if "--long" in sys.argv else write)(Path(folder, name), loops, length)
-            count, peak, seconds = peak_of(path, "--confirm" in sys.argv)
+            count, peak, seconds = peaks_of(path, confirm="--confirm" in sys.argv)[0]
             print(f"{path.stat().st_size / 1e9:.2f} GB, {count} loops, {length:g} days: peak {peak:.0f} MB, "
                   f"CPU {seconds:.0f} s", flush=True)
 

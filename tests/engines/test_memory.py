@@ -3,7 +3,7 @@
 import pytest
 
 from tests.benchmarks.made_plant import write, write_long, write_rough
-from tests.benchmarks.memory import peak_of
+from tests.benchmarks.memory import peaks_of
 
 
 def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
@@ -12,7 +12,7 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
     room = 1 << 20
     more = (long.stat().st_size - short.stat().st_size) / (1 << 20)
     for _ in range(3):  # two peaks of one scan differ by up to 40 MB, now and then
-        (loops, before, _), (same, after, _) = peak_of(short, room=room), peak_of(long, room=room)
+        (loops, before, _), (same, after, _) = peaks_of(short, long, room=room)
         assert loops == same == 120 and more > 80.0
         if after - before < 0.3 * more:  # kept whole, it would be three times the difference, each time
             return
@@ -21,13 +21,13 @@ def test_a_file_three_times_as_long_takes_hardly_more_memory(tmp_path):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_long_file_four_times_as_long_takes_hardly_more_memory(tmp_path, suffix):
-    before, after = (peak_of(write_long(tmp_path / f"plant.{suffix}", 12, days, kinds=1), room=1 << 20)[1]
-                     for days in (0.5, 2.0))
+    paths = (write_long(tmp_path / f"{days}_days.{suffix}", 12, days, kinds=1) for days in (0.5, 2.0))
+    (_, before, _), (_, after, _) = peaks_of(*paths, room=1 << 20)
     assert after - before < 100.0  # [MB]; kept whole, its 4.5 million rows more would take 750
 
 
 def test_a_rough_record_three_times_as_long_takes_hardly_more_memory(tmp_path):
     """From two million rows on it is made in chunks; here in quarters of that, for shorter files."""
-    before, after = (peak_of(write_rough(tmp_path / "plant.csv", days), room=1 << 20, chunk=500_000)[1]
-                     for days in (13.0, 39.0))
+    paths = (write_rough(tmp_path / f"{days}_days.csv", days) for days in (13.0, 39.0))
+    (_, before, _), (_, after, _) = peaks_of(*paths, room=1 << 20, chunk=500_000)
     assert after - before < 150.0  # [MB], and peaks vary by 50; kept whole it is 260
