@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,8 +15,6 @@ from .toml_text import read_page
 from .words import explained, noted
 
 if TYPE_CHECKING:
-    from os import PathLike
-
     from distributed import Client
 
     from .history.unfinished import Unfinished

@@ -8,6 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pa_parquet
 import pytest
 
 import backlash_cli
@@ -147,6 +151,20 @@ def test_the_package_and_its_help_load_nothing_heavy():
 
 def test_reading_a_result_as_json_needs_no_pandas():
     assert "pandas" not in loaded_by("from backlash_cli import to_json, ScanResult; to_json(ScanResult(()))")
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_a_scan_of_numbers_and_stamps_starts_without_pandas(tmp_path, ending):
+    """It takes as long to load as fifty loops to analyse; each process of a scan would do so."""
+    rows = 600
+    stamps = np.datetime64("2026-03-17T00:00:00", "ms") + 1000 * np.arange(rows)
+    swing = 50.0 + np.sin(np.arange(rows) / 30.0)
+    table = pa.table({"time": stamps, "FIC101.SP": np.full(rows, 50.0), "FIC101.PV": swing, "FIC101.OP": 100.0 - swing})
+    path = tmp_path / f"plant.{ending}"
+    (pa_parquet.write_table if ending == "parquet" else pa_csv.write_csv)(table, path)
+    loaded = loaded_by(f"import backlash_cli as b; print(b.scan_files({str(path)!r}).loops[0].samples)")
+    assert "scipy.signal" in loaded and "600" in loaded
+    assert "pandas" not in loaded
 
 
 def test_public_names_exist_and_stay_what_they_are():

@@ -205,7 +205,7 @@ def context_of_processes() -> BaseContext:
         from multiprocessing.forkserver import ensure_running
 
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([__name__, "backlash_cli.kernels", "scipy.signal", "pandas"])
+        context.set_forkserver_preload([__name__, "backlash_cli.kernels", "scipy.signal"])
         with _stops_wait():
             ensure_running()
         return context

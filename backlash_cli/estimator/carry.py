@@ -35,8 +35,7 @@ class Carry(Frozen, eq=False):
 
     head: (index, setpoint, measurement, state) of the first samples. tail: None where no sample was usable. travel: how
     far the output moved per hour [spans/h], reversals below 0.5 % left out; None without one. until: where the half
-    periods that are the night's own begin; None if all depend on the night before. In histories kept before there was
-    such a place all are its own."""
+    periods that are the night's own begin; None if all depend on the night before. In old histories all are its own."""
 
     Ti: float
     Tf: float

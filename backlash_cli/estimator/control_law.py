@@ -66,8 +66,7 @@ class LawFit(Frozen):
 
     @cached_property
     def one_frequency(self) -> float:
-        """Share of the derivative that the other terms explain; near 1 for a single sine, where a filter cannot be
-        told from integral action."""
+        """Share of the derivative that other terms explain; near 1 for one sine: filter and I part look alike."""
         terms, total = self.form.terms, np.tensordot(self.weights, self.sums, 1)
         own, with_others = total[DERIVATIVE, DERIVATIVE], total[DERIVATIVE, terms]
         if own <= 0 or DERIVATIVE in terms:

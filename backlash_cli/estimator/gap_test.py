@@ -182,8 +182,7 @@ def _gain(share: FloatArray, degrees: FloatArray | int) -> FloatArray:
 
 
 def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Products of signals G (signals, lags, rows) with the columns, (signals, columns, lags), and with
-    themselves (signals, lags, lags)."""
+    """Products of signals G (signals, lags, rows) with columns (signals, columns, lags), G (signals, lags, lags)."""
     signals, lags, rows = G.shape
     cross = np.moveaxis((p.columns @ G.reshape(-1, rows).T).reshape(-1, signals, lags), 1, 0)
     return cross, G @ np.swapaxes(G, 1, 2)

@@ -13,7 +13,7 @@ from dataclasses import replace
 from math import isfinite
 
 import numpy as np
-from scipy.special import stdtrit
+import scipy
 
 from ..record import FloatArray, Frozen, LoopSettings, Note, Record, SampleState
 from ..words import noted
@@ -209,7 +209,7 @@ def summarise(rows: LawRows, fits: list[LawFit], averaged: bool, notes: tuple[No
             value, scatter = quantities(fit.values), quantities(fit.scatter)
             groups = len(scatter)
             error = np.sqrt((groups - 1) / groups * np.sum((scatter - scatter.mean(0)) ** 2, axis=0))
-            reach = stdtrit(groups - 1, 0.975) * error + blur * np.abs(value)
+            reach = scipy.special.stdtrit(groups - 1, 0.975) * error + blur * np.abs(value)
             # a part of the record without any integral action: nothing is known
             reach = np.where(np.isfinite(reach), reach, np.inf)
             ends += [value - reach, value + reach]

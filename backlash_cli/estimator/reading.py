@@ -9,8 +9,8 @@ travel: the estimates (15) fall by about three times its standard deviation, and
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import bdtr
 
 from ..record import FloatArray, LoopSettings, Note
 from ..results import Cluster, Estimates
@@ -48,8 +48,7 @@ def read_half_periods(h: Estimates, moved: FloatArray, settings: LoopSettings, i
                       noise: float) -> tuple[Cluster | None, tuple[Note, ...]]:
     """Return the densest group of estimates, noise on OP allowed for, or None; and what is worth a note.
 
-    moved: (half_periods,) how far the setpoint moved [span]. noise: standard deviation of the fast noise on PV [span].
-    """
+    moved: (half_periods,) how far the setpoint moved [span]. noise: standard deviation of PV's fast noise [span]."""
     assert settings.Ti is not None
     Ti, floor, accepted = settings.Ti, FLOOR * filtered_noise(noise, interval, settings.Ti), h.why == OK
     # the setpoint moved inside the half period, or just before it, by too much for the estimate
@@ -123,6 +122,6 @@ def median_interval(values: FloatArray, level: float = 0.95) -> tuple[float, flo
     """Return the distribution-free interval of the median of sorted `values` (David and Nagaraja, section 7.1)."""
     n = len(values)
     # the smallest rank with P(X <= rank) >= (1 - level) / 2, X binomial (n, 1/2)
-    rank = int(np.searchsorted(bdtr(np.arange(n // 2 + 1), n, 0.5), (1 - level) / 2))
+    rank = int(np.searchsorted(scipy.special.bdtr(np.arange(n // 2 + 1), n, 0.5), (1 - level) / 2))
     low = max(rank - 1, 0)
     return float(values[low]), float(values[n - 1 - low])

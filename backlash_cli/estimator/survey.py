@@ -26,8 +26,7 @@ class Survey:
 
     most: samples that are kept, the last ones. states: (states,) how many of each SampleState. gaps: holes of more than
     one sample; longest: step of the grid. moves: changes of the setpoint between usable samples. with_setpoint: samples
-    with one. lowest, highest: (2,) usable values of measurement and output, the other way round where there are none.
-    """
+    with one. lowest, highest: (2,) usable values of measurement and output, reversed where there are none."""
 
     def __init__(self, most: int = MOST) -> None:
         self.most = most

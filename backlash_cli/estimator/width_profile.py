@@ -8,7 +8,7 @@ strange plants, a third of whose valves have play (`python -m tests.benchmarks.e
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.special import expit
+import scipy
 
 from ..record import FloatArray
 from ..results import Confirmation
@@ -75,9 +75,8 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, moved: float
     nats that a gap of L would have brought.
 
     tests: of each block length. evidence: of the record [nats]; length: in integral times; moved: how far OP did [% of
-    span]. The signs are what gaps of L and more explain in the mean over block lengths, by how much one of these is
-    above the mean at most, whatever the width, and the evidence, these three as sign times log1p; and the logs of
-    length and of moved over L."""
+    span]. Signs: what gaps of L and more explain in the mean over block lengths, by how much one of these is above that
+    at most, whatever the width, and the evidence, these as sign times log1p; logs of length and of moved over L."""
     widths, limits = tests[0].widths, np.array(LIMITS)
     gains = np.array([test.gain for test in tests])
     mean = gains.mean(axis=0)
@@ -94,7 +93,7 @@ def signs(tests: Sequence[GapTest], evidence: float, length: float, moved: float
 
 def chance_hidden(signs: FloatArray) -> FloatArray:
     """Chance (rows,) that a dead band hides behind such signs (rows, 5)."""
-    return np.asarray(expit(signs @ np.array(WEIGHTS) + CONSTANT))
+    return np.asarray(scipy.special.expit(signs @ np.array(WEIGHTS) + CONSTANT))
 
 
 def excluded(tests: Sequence[GapTest], evidence: float, length: float, moved: float) -> float | None:

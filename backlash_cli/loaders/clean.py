@@ -219,9 +219,7 @@ class _Making:
         signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, noted("mode_empty")]
-        values = self._carried_on(signal, "mode", grid)
-        unknown = np.isnan(values)
-        if unknown.any():
+        if (unknown := np.isnan(values := self._carried_on(signal, "mode", grid))).any():
             # a first change to manual means automatic before, and the other way round
             before = not unknown.all() and float(values[~unknown][0]) == 0.0
             values = np.where(unknown, before, values)

@@ -236,12 +236,12 @@ class Times:
     notes: tuple[Note, ...] = ()
     files: Files = ()
     line: int = 0
-    _order: Ordered | None = field(default=None, init=False)  # where no row is moved or left out, whatever the signal
+    in_order: Ordered | None = field(default=None, init=False)  # no row is moved or left out, whatever the signal
 
     def order(self, probe: FloatArray) -> Ordered:
         """Return the stamps in time order; `probe` is the measured signal that tells rows with one stamp apart."""
-        found = self._order or ordered(self.micros, probe, self.files, self.line)
-        self._order = found if found.rows is None else None
+        found = self.in_order or ordered(self.micros, probe, self.files, self.line)
+        self.in_order = found if found.rows is None else None
         return found
 
 

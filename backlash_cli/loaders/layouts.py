@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from ..errors import InputError, some
 from ..record import Frozen
-from .cells import codes_and_words, is_number, is_text, stored
+from .cells import codes_and_words, is_number, is_text, stored, to_array
 from .names import COLUMNS, SIGNALS, TITLE, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
 from .options import ReadOptions
 from .signals import Series
@@ -128,7 +128,7 @@ class Head(Frozen):
             return quality_words(self.words(column))
         if not pa.types.is_integer(self.columns[column].type):
             return False
-        values = self.columns[column].slice(0, 4000).drop_null().to_numpy()
+        values = to_array(self.columns[column].slice(0, 4000).drop_null())
         return len(values) > 0 and bool(np.mean(values == 192) > 0.5 or (  # beside codes of a product's own
             set(np.unique(values).tolist()) <= _OPC and np.mean(values >= 128) > 0.5))
 

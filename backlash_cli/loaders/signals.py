@@ -3,8 +3,8 @@
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, lru_cache
-from itertools import chain
+from functools import cache, cached_property, lru_cache, partial
+from itertools import accumulate, chain
 from typing import Any, Self
 
 import numpy as np
@@ -211,7 +211,7 @@ class Joiner:
         self.good_quality = good_quality
         self.only: tuple[int, int] | None = None  # stamps between which faults are counted, in the chunks of a loop
         self._marks: dict[tuple[str, ...], dict[str, Any]] = {}  # what earlier chunks tell of a quality's numbers
-        self.times = lru_cache(MOST_TIMES)(_times)  # of all rows of some axes, the same ones for the same axes
+        self.times = lru_cache(MOST_TIMES)(partial(_times, [Times(np.zeros(0, np.int64))]))
 
     def signal(self, series: list[Series], role: str = "") -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
@@ -247,13 +247,14 @@ class Joiner:
         return Signal(times, values, bad, tuple(notes), faults)
 
 
-def _times(*axes: Axis) -> Times:
-    micros, first = [axis.read() for axis in axes], axes[0]
-    if len(axes) == 1:
-        return Times(micros[0], first.notes, line=first.first_line)
-    rows = np.cumsum([0, *map(len, axes[:-1])]).tolist()
-    return Times(np.concatenate(micros), tuple(note for axis in axes for note in axis.notes),
-                 tuple((row, axis.where) for row, axis in zip(rows, axes, strict=True)))
+def _times(last: list[Times], *axes: Axis) -> Times:
+    """The stamps of all rows of some axes. last: files of one recording have the same ones, put on a grid once."""
+    micros, rows, known = [axis.read() for axis in axes], [0, *accumulate(map(len, axes[:-1]))], last[0]
+    found = Times(micros[0] if len(axes) == 1 else np.concatenate(micros), tuple(n for a in axes for n in a.notes),
+                  tuple(zip(rows, (a.where for a in axes), strict=True)), axes[0].first_line * (len(axes) == 1))
+    if not (known.in_order and found.notes == known.notes and np.array_equal(found.micros, known.micros)):
+        last[0] = found
+    return last[0]
 
 
 def add_faults(total: Faults, found: Faults) -> list[Note]:

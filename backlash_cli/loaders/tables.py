@@ -138,7 +138,7 @@ def open_parquet(path: Any) -> pa_parquet.ParquetFile:
     """Open a file, or return it as it was opened lately. Raises InputError where it is damaged."""
     try:
         far = isinstance(path, Remote)  # where one long read costs less than several
-        return pa_parquet.ParquetFile(path.open() if far else path, pre_buffer=far)
+        return pa_parquet.ParquetFile(path.open() if far else pa.OSFile(str(path)), pre_buffer=far)
     except FileNotFoundError:
         raise InputError(**explained("not_shared"), where=str(path)) from None
     except (pa.ArrowException, OSError) as error:
@@ -169,7 +169,7 @@ class ParquetTable:
         if not self.count:
             raise InputError(**explained("no_rows", below=""), where=self.where)
         self._ends = [*accumulate(about.row_group(k).num_rows for k in range(about.num_row_groups))]
-        fields = [*schema.empty_table().flatten().schema]  # FIC101.SP
+        fields = [*chain.from_iterable(field.flatten() for field in schema)]  # FIC101.SP
         self._names = [field.name for field in fields]
         if len(set(self._names)) < len(fields):
             twice = next(name for name, count in Counter(self._names).items() if count > 1)

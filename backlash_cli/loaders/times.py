@@ -56,6 +56,7 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     return micros, zoned, of_day
 
 
+@lru_cache(1 << 14)
 def stamp_kind(text: str) -> str:
     """Return "time" for a text that may be a date, with a time of day or not, "clock" for a time of day, else ""."""
     text = re.sub(_NO_DATE, "", text)

@@ -60,8 +60,7 @@ def half_widths(problem: Problem, fitted: Fit) -> dict[Place, float]:
 def of_another_lag(problem: Problem, fitted: Fit, wide: dict[Place, float]) -> dict[Place, float]:
     """Return half widths that hold what each number of an effect would be behind one more lag, where PV shows one.
 
-    What a model takes for dead time may be that lag: a swing must then have been larger, and part of a gap was the lag.
-    """
+    What a model takes for dead time may be that lag: a swing was larger then, and part of a gap was the lag."""
     shape, out = fitted.shape, dict(wide)
     if any(part.effect.fitting.on_loads for part in shape.parts):
         return out
@@ -94,8 +93,7 @@ def fitted_effects(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = 
 
     The process is simpler in the model than it is, and what a valve does with OP shows in PV no better than OP was
     recorded, to half a step either way and half a sample. The time of an event and the period of a swing are told by
-    the clock. Of a dead time beside that of the settings only the sum is known. closely: see what another lag changes.
-    """
+    the clock. Of a dead time beside the settings' only the sum is known. closely: see what another lag changes."""
     wide, values = half_widths(problem, fitted), linear_values(fitted)
     wide = of_another_lag(problem, fitted, wide) if closely else wide
 

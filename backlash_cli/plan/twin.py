@@ -146,8 +146,7 @@ class Twin(Frozen, eq=False):
         return record.slice(round((begin - around) / h), len(record)), run, begin
 
     def _again(self, samples: int, random: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draw upset and setpoint (samples,): blocks of the record's own, forward or backward, up or down, each
-        joined to the one before it."""
+        """Draw upset and setpoint (samples,): blocks of the record's own, forward or backward, up or down, joined."""
         n = len(self.upset)
         size = int(min(n, max(n // BLOCKS, SHORTEST_BLOCK * self.controller.Ti / self.record.interval)))
         wanders = np.count_nonzero(np.diff(self.setpoint)) > 0.5 * n  # a cascade or a ramp: must not jump either

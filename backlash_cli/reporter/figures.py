@@ -28,8 +28,7 @@ DATES: Figure = {"type": "date", "title": {"text": "time (UTC)"}}
 
 
 def figure(data: Sequence[Figure], x: Figure, *panels: Figure, **layout: Any) -> Figure:
-    """Traces over one horizontal axis, on one vertical axis or several from top to bottom; layout, and `more` below:
-    further keys as plotly knows them."""
+    """Traces over one horizontal axis, one vertical axis or several, top to bottom; layout, `more`: keys of plotly."""
     uprights = {f"yaxis{k}" if k > 1 else "yaxis": panel for k, panel in enumerate(panels, 1)}
     below = {"anchor": f"y{len(panels)}"} if len(panels) > 1 else {}
     return {"data": data, "layout": {"xaxis": x | below, **uprights, **layout}}

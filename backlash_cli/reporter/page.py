@@ -94,8 +94,7 @@ def write_pages(folder: Path, told: object, loops: Iterable[str], pages: Iterabl
     """Write the files of each loop, (loop, {suffix: text}), into a subfolder and then index.html, in one step: until
     then the old report is whole. Pages of older runs, except those of the report just replaced, are removed at the end.
 
-    told: tells this report from others. index: gives the HTML of index.html for `links` to the pages and `plotly_file`.
-    """
+    told: tells this report from others. index: gives the HTML of index.html for `links` to pages and `plotly_file`."""
     mark = fingerprint(repr(told), 12)
     subfolder, names, links = folder / f"loops-{mark}", file_names(loops), {}
     before = ""  # the subfolder that the present index.html points to

@@ -4,7 +4,7 @@ Times are UTC epoch seconds, signals normalised: a dead band is in spans of the 
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import field, fields, replace
 from enum import StrEnum
 from typing import Any, Self
 
@@ -69,16 +69,18 @@ class Estimates(Frozen, Sequence[Estimate], eq=False):
     def __getitem__(self, at: int | slice) -> Any:
         return tuple(self)[at]
 
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the fields of an Estimate by name, in their order, each with a value per half period."""
+        why, begin = [self.codes[at] for at in self.why.tolist()], self.origin + self.begin
+        numbers = begin, self.origin + (self.begin + self.dt_s), self.dt_s, self.dy, self.e_max, self.d, self.direction
+        columns = [*(x.tolist() for x in numbers), [code == "ok" for code in why], why]
+        return dict(zip((one.name for one in fields(Estimate)), columns, strict=False))
+
     def __iter__(self) -> Iterator[Estimate]:
-        columns = self.begin, self.dt_s, self.dy, self.e_max, self.d, self.direction, self.why
-        for begin, dt_s, dy, e_max, d, direction, why in zip(*(x.tolist() for x in columns), strict=True):
-            yield Estimate(self.origin + begin, self.origin + (begin + dt_s), dt_s, dy, e_max, d, direction,
-                           self.codes[why] == "ok", self.codes[why])
+        return map(Estimate, *self.columns().values())
 
     def __eq__(self, other: object) -> bool:
         return tuple(self) == tuple(other) if isinstance(other, Sequence) else NotImplemented
-
-    __hash__ = None  # type: ignore[assignment]
 
 
 class Cluster(Frozen):

@@ -35,8 +35,7 @@ def _effects(s: Scenario, samples: int, columns: Mapping[str, FloatArray], rando
     """Start every effect at rest, in the order a signal meets them.
 
     Returns what the kernel takes first (steps, where each state and parameters begin, the last effect of valve and
-    process, of the load, of the sensor, states, parameters), the process input at rest, and whether all steps compile.
-    """
+    process, of the load, of the sensor, states, parameters), the process input at rest, whether all steps compile."""
     from ..kernels import SLOTS
 
     order = list(Stage)

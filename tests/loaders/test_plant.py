@@ -162,6 +162,24 @@ def test_two_files_of_one_loop_keep_the_gap(tmp_path):
     assert "gaps" in codes(record.notes)
 
 
+def test_files_with_the_same_stamps_are_read_as_each_by_itself(tmp_path):
+    """Their grid is worked out once; rows out of order in between, and one row less, are not taken for the same."""
+    header, *rows = wide().splitlines()
+    shuffled = [*rows[300:], *rows[:300]]
+    exports = {"FIC201": rows, "FIC202": rows, "FIC203": shuffled, "FIC204": shuffled, "FIC205": rows[:-1],
+               "FIC206": [*rows[:50], rows[49], *rows[50:]], "FIC207": rows, "FIC208": [*rows[:99], *rows[105:]]}
+    for loop, lines in exports.items():
+        save(tmp_path, "\n".join([header.replace("FIC101", loop), *lines]) + "\n", f"{loop}.csv")
+    together = read(tmp_path)
+    for loop in exports:
+        alone = read(tmp_path / f"{loop}.csv")[loop]
+        assert np.array_equal(together[loop].index, alone.index)
+        assert np.array_equal(together[loop].measurement, alone.measurement, equal_nan=True)
+        assert [note.message for note in together[loop].notes] == [note.message for note in alone.notes]
+    assert len(together["FIC205"]) == 599 and "unsorted" in codes(together["FIC204"].notes)
+    assert "unsorted" not in codes(together["FIC202"].notes)
+
+
 def test_the_same_export_twice_is_one(tmp_path):
     path = save(tmp_path, wide())
     pq.write_table(arrow(), tmp_path / "copy.parquet")
