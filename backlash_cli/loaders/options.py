@@ -7,7 +7,7 @@ from ..record import Frozen
 from ..selection import check_pattern, parse_since, sample_size
 from .names import WORDS, explained
 
-DELIMITERS = (",", ";", "\t", "|", " ")  # that are looked for
+DELIMITERS = (",", ";", "\t", "|", "^", " ")  # that are looked for
 TIME_WORDS = ("iso", "ymd", "dmy", "mdy", *WORDS["stamps"]["unit"])
 
 

@@ -181,6 +181,7 @@ EXPORTS = {
     "semicolon_comma_unit": Export({"plant.csv": wide(german, delimiter=";", value=lambda t, v: comma(t, v) + " %")}),
     "tab_comma": Export({"plant.txt": wide(german, delimiter="\t", value=comma)}),
     "pipe": Export({"plant.txt": wide(delimiter="|")}),
+    "caret": Export({"plant.txt": wide(delimiter="^")}),
     "quoted_comma": Export({"plant.csv": wide(value=lambda t, v: f'"{comma(t, v)}"')}),
     "sep_line": Export({"plant.csv": wide(delimiter=";", before="sep=;\n")}),
     "crlf_bom": Export({"plant.csv": ("\ufeff" + wide(line_end="\r\n")).encode()}),
