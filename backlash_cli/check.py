@@ -7,7 +7,7 @@ import numpy as np
 from .estimator.confirm import SHORTEST
 from .estimator.diagnosis import Diagnosis, diagnose
 from .estimator.identify import Identification, at_mean, identify, with_constant_setpoint
-from .estimator.quality import Quality, data_quality, heaviest_first
+from .estimator.quality import Quality, data_quality, heaviest_first, with_reversals
 from .estimator.settings_check import check_settings, clocks, contradicts
 from .record import Frozen, LoopSettings, Note, Record, duration
 from .words import noted, said
@@ -66,7 +66,7 @@ def check_loop(record: Record) -> LoopCheck:
         Ti = identified.Ti.value
     diagnosis = diagnose(record if np.isfinite(record.setpoint).any() else at_mean(record) or record)
     first, last = record.time[[0, -1]].tolist() if len(record) else (None, None)
-    quality, least = data_quality(record, Ti), SHORTEST * (Ti or 0.0)
+    quality, least = with_reversals(data_quality(record, Ti), record, Ti), SHORTEST * (Ti or 0.0)
     used = quality.usable_share * quality.duration
     short = [noted("short_record", {"effect": "blocks"}, used=duration(used), least=duration(least))] * (used < least)
     return LoopCheck(record.loop, first, last, settings, quality, identified, unidentified, notes,

@@ -152,7 +152,7 @@ class Job:
             if self.keep.resumed and self.shown:
                 say(f"{self.taken_over} of {len(plant.recipes)} loops were finished before and are taken over"
                     if self.taken_over else "no finished loop of this scan is left to take over; it begins anew")
-        if self.shown:
+        if self.shown and self.options.confirm:
             say_if_first_run()
         go_on = "" if self.keep is None else "; the same command with --resume goes on from there"
         with progress("scanning", len(plant.recipes), shown=self.shown,
@@ -166,7 +166,7 @@ class Job:
         with contextlib.suppress(OSError):
             size = sum(one.path.stat().st_size for one in sources if isinstance(one.path, Path))
         if size > MUCH and self.jobs != 1 and self.client is None:
-            context_of_processes()  # loads what it needs while the files are opened
+            context_of_processes(compiled=self.options.confirm)  # loads what it needs while the files are opened
         with progress("reading", size or None, shown=self.shown, of_bytes=True) as taken:
             plant = open_plant(inputs, loops=self.export.loops, options=self.export.reading, taken=taken,
                                salt=None if self.keep is None else repr(self.options), sources=sources)

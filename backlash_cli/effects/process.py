@@ -67,10 +67,9 @@ def late(values: FloatArray, samples: float) -> FloatArray:
 def delayed_lag(u: FloatArray, h: float, tau: float, delay: float) -> FloatArray:
     """Return how a first-order lag of time constant `tau` [s] follows the held samples u after `delay` [s].
 
-    u: (samples,); h: sampling interval [s]. Exact for a zero-order hold, also when the delay is not a multiple of
-    h. Before the first sample u is taken as constant. Formula: x[k+1] = a x[k] + (e-a) u[k-n-1] + (1-e) u[k-n]
-    with delay = (n+f) h, a = exp(-h/tau), e = exp(-(1-f) h/tau) (Astrom and Wittenmark, Computer-Controlled
-    Systems, section 3.2)."""
+    u: (samples,); h: sampling interval [s]. Exact for a zero-order hold, also when the delay is no multiple of h.
+    Before the first sample u is constant. Formula: x[k+1] = a x[k] + (e-a) u[k-n-1] + (1-e) u[k-n], delay = (n+f) h,
+    a = exp(-h/tau), e = exp(-(1-f) h/tau) (Astrom and Wittenmark, Computer-Controlled Systems, section 3.2)."""
     from ..kernels import lag
     whole = int(delay / h)
     a, e = float(np.exp(-h / tau)), float(np.exp(-(1.0 - (delay / h - whole)) * h / tau))

@@ -193,7 +193,7 @@ def _no_answer(record: Record, reason: Note) -> Note:
     return Note(reason.code, said, {**reason.values, "loop": record.loop})
 
 
-def context_of_processes() -> BaseContext:
+def context_of_processes(*, compiled: bool = True) -> BaseContext:
     """Begin, where it does not run yet, the process that has loaded what a scan needs and of which all others are
     forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
     folder for its socket) every process is begun anew."""
@@ -205,7 +205,7 @@ def context_of_processes() -> BaseContext:
         from multiprocessing.forkserver import ensure_running
 
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([__name__, "backlash_cli.kernels", "scipy.signal"])
+        context.set_forkserver_preload([__name__, *["backlash_cli.kernels"] * compiled, "scipy.signal"])
         with _stops_wait():
             ensure_running()
         return context

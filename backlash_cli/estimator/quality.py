@@ -4,6 +4,7 @@ The `values["effect"]` of a note is what it means for the verdict: "info", "limi
 evidence alone) or "blocks" ("cannot tell" for this reason)."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -79,7 +80,7 @@ class Quality(Frozen):
     measurement_outside: bool
     measurement_range: float
     output_range: float | None
-    output_reversals_per_hour: float | None
+    output_reversals_per_hour: float | None = None
 
     @cached_property
     def notes(self) -> tuple[Note, ...]:
@@ -148,19 +149,12 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
     if survey is None:
         survey = Survey()
         survey.update(record)
-    from ..kernels import gap_crossings
     Ti, interval = record.settings.Ti if Ti is None else Ti, record.interval
     points = survey.last - survey.first + 1 if survey.samples else 0
     share = (survey.states / max(points, 1)).tolist()
     index, values, output_index, outputs = measured(record)
-    op, turns = stored_as(output_index, outputs) if len(output_index) else None, None
+    op = stored_as(output_index, outputs) if len(output_index) else None
     of_measurement, of_output = np.fmax(survey.highest - survey.lowest, 0.0).tolist()
-    if op is not None:  # reversals of OP, averaged over Ti / MANY, by more than what noise and rounding make
-        group = output_index // (max(round(Ti / MANY / interval), 1) if Ti else 1)
-        starts = np.flatnonzero(np.diff(group, prepend=-1))
-        means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
-        smallest = max(3.0 * fast_noise(group[starts], means), 1.5 * op.step, 1e-4)
-        turns = gap_crossings(means, smallest) / (len(output_index) * interval / 3600.0)
     return Quality(survey.samples, interval, duration=points * interval, samples_per_Ti=Ti / interval if Ti else None,
         missing_share=1.0 - survey.samples / max(points, 1) + share[SampleState.MISSING] if points else 1.0,
         gaps=survey.gaps, longest_gap=(survey.longest - 1) * interval, usable_share=survey.used / max(points, 1),
@@ -169,7 +163,20 @@ def data_quality(record: Record, Ti: float | None = None, survey: Survey | None 
         implausible_share=share[SampleState.IMPLAUSIBLE], pv=stored_as(index, values), op=op,
         setpoint_moves=survey.moves / max(survey.used, 1), measurement_range=of_measurement,
         measurement_outside=bool(survey.used and (survey.lowest[0] > 1.0 or survey.highest[0] < 0.0)),
-        output_range=of_output if op is not None else None, output_reversals_per_hour=turns)
+        output_range=of_output if op is not None else None)
+
+
+def with_reversals(quality: Quality, record: Record, Ti: float | None) -> Quality:
+    """Return it with how often OP, averaged over Ti / MANY, turns by more than noise and rounding make."""
+    from ..kernels import gap_crossings
+    if quality.op is None:
+        return quality
+    index, outputs = measured(record)[2:]
+    group = index // (max(round(Ti / MANY / record.interval), 1) if Ti else 1)
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    means = np.add.reduceat(outputs, starts) / np.diff(starts, append=len(group))
+    turns = gap_crossings(means, max(3.0 * fast_noise(group[starts], means), 1.5 * quality.op.step, 1e-4))
+    return replace(quality, output_reversals_per_hour=turns / (len(index) * record.interval / 3600.0))
 
 
 def rounding_step(values: FloatArray) -> float:

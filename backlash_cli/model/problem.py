@@ -42,8 +42,7 @@ class Problem(Frozen, eq=False):
     measurement noise [span]. driven: share of OP's motion that comes from the setpoint or the operator. ahead: samples
     that a loop driven by its load is predicted ahead. output_step: in which OP was recorded [span], 0 when it hardly
     matters. seed: of random trials of a search. start: epoch seconds of the first sample. origin: as of `output_made`.
-    others: columns of the last shapes, and OP as their valves moved it, by what they were made of; most trials of a fit
-    leave them as they are."""
+    others: columns of the last shapes, and OP as their valves moved it, by what made them; most trials leave them."""
 
     loop: str
     interval: float
@@ -168,8 +167,7 @@ def _interpolate(values: FloatArray) -> FloatArray:
 
 def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
                        h: float) -> float:
-    """Return the share of the variance of OP (samples,), 0..1, that setpoint moves, answered by a sum of lags, or a
-    hand explain; h: interval [s]."""
+    """Return the share (0..1) of OP's variance that setpoint moves, behind lags, or a hand explain. h: interval [s]."""
     y = output[used]
     spread = float(np.var(y))
     if spread <= 0.0:

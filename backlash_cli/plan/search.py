@@ -56,8 +56,7 @@ class PlanOptions(Frozen):
 
 @dataclass
 class Played:
-    """A test, what the scan said of its repeats with a worn and with a healthy valve, and how far the test alone
-    moved PV and OP in them [spans]."""
+    """A test, what the scan said of its repeats with a worn and a healthy valve, how far it moved PV, OP [spans]."""
 
     test: Test
     worn: Counter[Verdict] = field(default_factory=Counter)

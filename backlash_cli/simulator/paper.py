@@ -34,8 +34,7 @@ QUIET_SPELL = (50.0, 100.0)  # seconds: only noise moves the loop
 OSCILLATES = 3.0  # valve travel over that without compensator from which on it counts as oscillating
 DETECTED = {"fig12": 0.01, "fig13": 0.03, "fig14": 0.05, "fig15": 0.1}
 SEED = 0  # of the runs that are drawn and whose detections are counted
-# noise draws: of Fig. 6, of Figs. 12 to 15 (whether a half period close to 5 Ti passes the gate moves the median of a
-# single draw), of the industrial cases
+# noise draws: of Fig. 6, of Figs. 12 to 15 (a half period close to 5 Ti moves the median of one), of industrial cases
 LOAD_DRAWS, DRAWS, INDUSTRIAL_DRAWS = 6, 16, 12
 TRUE_INDUSTRIAL = 0.03
 STEP_LENGTH = 20.0  # seconds between the operator's steps of 1 % in the manual test

@@ -73,9 +73,8 @@ class Scenario(Frozen):
     The loop starts at rest: measurement at the setpoint's level, output at `output`. step: inner step [s].
     sample_time: of the controller, record_interval: of the export; both multiples of step, default step and
     sample_time. effects: of the loop; each sits at its own stage, in the order given. columns: further measured
-    signals. recorder: what the historian does to recorded signals. seed: of every random effect. start: epoch
-    seconds. pv_range, op_range: engineering values of 0 and 1 in a written file. hidden: settings, such as Kp, that
-    the metadata keep to themselves."""
+    signals. recorder: what the historian does to recorded signals. seed: of every random effect. start: epoch seconds.
+    pv_range, op_range: engineering values of 0 and 1 in a written file. hidden: settings the metadata leave out."""
 
     controller: Controller
     process: Process
