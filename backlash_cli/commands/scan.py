@@ -152,7 +152,7 @@ class Job:
             if self.keep.resumed and self.shown:
                 say(f"{self.taken_over} of {len(plant.recipes)} loops were finished before and are taken over"
                     if self.taken_over else "no finished loop of this scan is left to take over; it begins anew")
-        if self.shown and self.options.confirm:
+        if self.shown and self.options.confirm:  # half periods need no compiled loop
             say_if_first_run()
         go_on = "" if self.keep is None else "; the same command with --resume goes on from there"
         with progress("scanning", len(plant.recipes), shown=self.shown,

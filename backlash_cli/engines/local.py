@@ -196,7 +196,7 @@ def _no_answer(record: Record, reason: Note) -> Note:
 def context_of_processes(*, compiled: bool = True) -> BaseContext:
     """Begin, where it does not run yet, the process that has loaded what a scan needs and of which all others are
     forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
-    folder for its socket) every process is begun anew."""
+    folder for its socket) every process is begun anew. compiled: with its compiled loops, for PV against OP."""
     # it looks for modules where this process does, not in the folder one works in; an empty value is as none
     places = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
     before = {name: os.environ.get(name, "") for name in places}

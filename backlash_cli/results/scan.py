@@ -74,7 +74,7 @@ class Estimates(Frozen, Sequence[Estimate], eq=False):
         why, begin = [self.codes[at] for at in self.why.tolist()], self.origin + self.begin
         numbers = begin, self.origin + (self.begin + self.dt_s), self.dt_s, self.dy, self.e_max, self.d, self.direction
         columns = [*(x.tolist() for x in numbers), [code == "ok" for code in why], why]
-        return dict(zip((one.name for one in fields(Estimate)), columns, strict=False))
+        return dict(zip((one.name for one in fields(Estimate) if one.repr), columns, strict=True))
 
     def __iter__(self) -> Iterator[Estimate]:
         return map(Estimate, *self.columns().values())

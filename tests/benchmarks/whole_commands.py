@@ -32,15 +32,14 @@ def seconds(*command: str) -> float:
 
 
 def a_file_per_loop(folder: Path, loops: int) -> Path:
-    """Write the loops of `made_plant` to a file each, with the settings that all share."""
+    """Write the loops of `made_plant` to a file each, and their settings."""
     folder.mkdir()
     stamps = np.datetime64("2026-03-17T00:00:00", "ms") + 1000 * np.arange(3600 * HOURS)
     for number in range(loops):
         columns = zip(("SP", "PV", "OP"), signals(number % 3), strict=True)
         table = {"time": stamps} | {name: values[: len(stamps)] for name, values in columns}
         pq.write_table(pa.table(table), folder / f"FIC{number:04d}.parquet")
-    write_settings(folder / "plant.csv", loops)
-    (folder / "plant.loops.toml").rename(folder / "loops.toml")
+    write_settings(folder, loops)  # beside it
     return folder
 
 
@@ -56,7 +55,7 @@ def main() -> None:
             path = write(Path(place, "plant.csv"), loops, 1.0)
             alone, size = f"import pyarrow.csv as c; c.read_csv({str(path)!r})", path.stat().st_size / 1e6
         scan = ("-m", "backlash_cli", "scan", str(path), "--no-confirm", "--output", f"{place}/report.json")
-        seconds(*scan)  # kernels are compiled once
+        seconds(*scan)  # modules are compiled once
         both = np.array([(seconds("-c", alone), seconds(*scan)) for _ in range(ROUNDS)])
         read, own = np.median(both, axis=0)
         ratios = both[:, 1] / both[:, 0]
