@@ -22,8 +22,8 @@ _GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u2009\u202f])\d{3}(?:\1\d
 _SEPARATED = re.compile(r"[,'’ \u00a0\u2009\u202f]")
 _BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
 _FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$|^#"
-                   r"|^\.?#(?:INF|\w*NAN|IND)|^\S{0,4}\s?[+-]\d|10\^|^[-:] ", re.IGNORECASE)
-# behind a number it is none (1.#QNAN), or a power of ten (3.7x10^+02), or a state (1 - Auto)
+                   r"|^\.?#(?:INF|\w*NAN|IND)|^\S{0,4}\s?[+-]\d|10\^|^[-:] |^x[\da-f]+\b", re.IGNORECASE)
+# behind a number it is none (1.#QNAN, 0xC0), or a power of ten (3.7x10^+02), or a state (1 - Auto)
 _CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement
 
 

@@ -17,7 +17,7 @@ from ..samples import MAX_HOLE, STRANGE, held, is_copy, judged, linear, state_no
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, LIKELY, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
-from .names import explained, noted
+from .names import explained, noted, span_of
 from .options import ReadOptions
 from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
 from .states import automatic
@@ -145,9 +145,9 @@ class _Making:
         setpoint, output = self._companion(loop, "sp", grid), self._companion(loop, "op", grid)
         if setpoint is None and settings.constant_setpoint is not None:
             setpoint = np.full(len(measured), settings.constant_setpoint)
-        current = any(item.tag.rstrip(")] ").endswith("mA") for item in loop.roles.get("op", ()))
+        by_unit = {f"{role}_range": span_of(items[0].tag, role) for role, items in loop.roles.items()}
         self.spans = self.spans or spans_of(settings, [measured] if setpoint is None else [measured, setpoint],
-                                            [] if output is None else [output], current)
+                                            [] if output is None else [output], by_unit)
         scaled, guessed = self.spans
         self.notes += guessed
         manual, on_mode = self._manual(loop, (*self.recipe.options.auto_modes, *settings.auto_modes), grid)

@@ -2,7 +2,7 @@
 
 import re
 from bisect import bisect
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
 from itertools import chain, pairwise
@@ -13,7 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored, to_array
-from .names import COLUMNS, SIGNALS, TITLE, Tag, explained, is_column, is_whole, plain, signal_role, split_tag
+from .names import COLUMNS, SIGNALS, TITLE, Tag, explained, is_column, is_whole, plain, signal_role, span_of, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -136,6 +136,14 @@ class Head(Frozen):
         """Those of columns called so whose name tells more, or that hold known words or codes; or the first one."""
         return tuple([i for i in called if re.search("good|bad|valid|question", self.plain[i]) or self.marks(i) or (
             i in self.texts and quality_words(self.words(i), "named"))] or called[:1])
+
+
+def span_above(column: int, role: str, before: Mapping[int, list[str]]) -> str:
+    """The range that lines above a column tell, as [0..60] behind its name: Low and High; 4-20; mA; else nothing."""
+    cells = {plain(row[0]): row[column].strip() for row in before.values() if len(row) > column}
+    low, high = (next((cell for name, cell in cells.items() if name in COLUMNS[end]), "") for end in ("low", "high"))
+    told = [told for told in (f"{low}..{high}", *cells.values()) if role in SIGNALS and span_of(told, role)]
+    return f" [{told[0]}]" if told else ""
 
 
 class Layout(Frozen):

@@ -26,6 +26,7 @@ _WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
 _TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
 _DATED = re.compile(WORDS["lines"]["dated"])
 _GLUED = re.compile(WORDS["lines"]["glued"])
+_SPAN = re.compile(WORDS["spans"].pop("range"))
 _LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
@@ -53,6 +54,15 @@ def bare_tag(text: str) -> str:
 def undated(stem: str) -> str:
     """Return the name of a file without the dates, perhaps with times, around it: FIC101.PV_20260302_2155."""
     return (len(stem) <= NESTED_LIMIT and _DATED.sub("", stem)) or stem
+
+
+def span_of(unit: str, role: str) -> tuple[float, float] | None:
+    """Return the range that a unit tells, in brackets behind a name or alone: 0..60 m3/h, 3 to 15 of an OP in psi."""
+    unit = (found[0] if (found := _UNIT.search(unit)) else unit).strip("[]() ")
+    usual = WORDS["spans"].get(unit.lower(), "0 0") if role == "op" else "0 0"
+    ends = (found[1], found[2]) if (found := _SPAN.fullmatch(unit)) else usual.split()
+    low, high = (float(end.replace(",", ".")) for end in ends)
+    return (low, high) if low < high else None
 
 
 def is_whole(text: str) -> bool:
@@ -143,7 +153,9 @@ def split_tag(text: str) -> Tag:
             if role := signal_role(name[cut:end]):
                 # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
                 loop = found[1] if (found := re.fullmatch(rf"({_TAG}),?\s[^\d.]*", name[:cut])) else name[:cut]
-                return Tag(loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
+                named = split_tag(loop) if len(name) <= NESTED_LIMIT else Tag("", "", "")  # FIC101.SP Setpoint
+                return named if named.role == role and re.search(r"\d", named.loop) else Tag(
+                    loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
     for words in (2, 1):  # Set point temperature, PV_FIC101
         if (first := signal_role(begun := name[: parts[words - 1].end()].strip(" .-_/:|"))) and len(begun) > 1 and not (
                 is_column(parts[-1][1], "time")):

@@ -24,7 +24,7 @@ from ..errors import InputError
 from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
-from .layouts import Head
+from .layouts import Head, span_above
 from .names import COLUMNS, SIGNALS, TITLE, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import DELIMITERS, ReadOptions
 from .sources import day_of, is_export, stem_of
@@ -89,7 +89,7 @@ class Text:
                  opened: Callable[[], Any] | None = None) -> None:
         self.path, self.where, self.options, self._taken = path, str(path), options, taken
         self.notes: list[Note] = []
-        self.rest = lines_together(self._decoded(self._pieces(opened)))
+        self.rest = lines_together(self._written(self._decoded(self._pieces(opened))))
         self.head = next(self.rest, bytearray())
 
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
@@ -151,6 +151,17 @@ class Text:
                 self.notes.append(noted("encoding", encoding=encoding))
             yield text.encode("utf-8", errors="replace")
 
+    def _written(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
+        """Yield text that ends its line, in a cell that is none, where zero bytes stand for what was never written."""
+        begin, lost = 0, False
+        for piece in pieces:
+            if b"\0" in piece:
+                if not lost:
+                    self.notes.append(noted("truncated:zeros", file=self.where, MB=(begin + piece.index(0)) / 1e6))
+                piece, lost = re.sub(rb"\0+", b"\0\n\0", piece), True
+            begin += len(piece)
+            yield piece
+
 
 def lines_together(pieces: Iterable[bytes]) -> Iterator[bytearray]:
     """Yield text in blocks of whole lines, larger ones of long lines: each block costs a little per column."""
@@ -179,7 +190,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
         return marked
     if options.encoding:
         return codecs.lookup(options.encoding).name
-    sample = head[:SAMPLE]
+    sample = re.sub(rb"\0{16,}", b"", head[:SAMPLE]) or b"\0\0"  # what was never written is told later
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
     for encoding, many, few in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
         if many > 0.2 * len(sample) and few < many / 8:
@@ -328,6 +339,8 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     zone = next((c for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "").strip()
     zone = f" ({'UTC' * (zone[:1] in '+-')}{zone})" * bool(re.fullmatch(r"[+-][\d:]+|\w+[/+-]\S+|[A-Z]{2,5}", zone))
     names = tuple(n + zone * (is_column(n, "time") and n[-1] not in ")]") for n in names)
+    names = tuple(n + span_above(i, split_tag(n).role, before) * (n[-1:] not in ")]")
+                  for i, n in enumerate(names))
     return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
                 end, 0 if "time" in kinds else _start_of(above, kinds, options, where, stem), _interval_of(above))

@@ -1,7 +1,8 @@
 """Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop."""
 
+import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache, partial
 from itertools import accumulate, chain
@@ -151,6 +152,7 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     found = {name: match for name, match in found.items() if len(signals[BLOCK.sub("", name)]) > (match in full)}
     counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
+    renamed = {name: one for name, one in _devices(signals).items() if name not in metadata.loops} | renamed
     spelt: dict[str, str] = {}
     shared = defaultdict[str, set[str]](set)  # signals of a loop that the metadata give to another
     for item in series:
@@ -187,6 +189,19 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
         own(loop).missing_tags |= {role: tag for role, tag in tags.items() if role not in own(loop).roles}
     return {name: loop for name, loop in loops.items() if loop.roles and (  # not a loop if others have its signals
         name in asked or not shared[name] or len(loop.roles.keys() - shared[name]) > 1)}
+
+
+def _devices(signals: Mapping[str, set[str]]) -> dict[str, str]:
+    """What stands for a controller whose signals carry the names of devices (ISA 5.1): FIC101.SP, FT101.PV."""
+    families, known = defaultdict[tuple[str, ...], dict[str, str]](dict), dict[str, str]()
+    for name, roles in signals.items():
+        if found := re.fullmatch(r"(.*\b)?([A-Z])[A-Z]{1,4}([-_ ]?\d+[A-Z]?)", name):
+            families[found.groups("")] |= dict.fromkeys((f"{name} {role}" for role in roles), name)
+    for named in families.values():
+        of_role = {text.rpartition(" ")[2]: name for text, name in named.items()}
+        if {"sp", "pv", "op"} <= of_role.keys() and len(of_role) == len(named):  # each signal once
+            known |= dict.fromkeys(of_role.values(), of_role["sp"])
+    return known
 
 
 def explicit_tags(metadata: Metadata) -> tuple[Owners, dict[str, dict[str, str]]]:

@@ -55,8 +55,9 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         return np.append(np.array([word == first for word in words], bool), True)[codes], [
             noted("other_unit", column=name, first=first, words=some(words))] * (words not in ([], [first]))
     (numbers, codes, words), (extra, wanted) = _numbers_or_words(cells, all_texts=True), _named(further)
-    if words and not extra and all(re.fullmatch(r"\s*0[xX][0-9a-fA-F]{1,8}\s*", word) for word in words):
-        numbers = np.append([float(int(word, 16)) for word in words], np.nan)[codes]
+    hexes = [re.fullmatch(r"\s*(0[xX][0-9a-fA-F]{1,8})\s*(?:\(.*\)\s*)?", word) for word in words]  # 0x00C0 (Good)
+    if words and not extra and all(hexes):
+        numbers = np.append([float(int(found[1], 16)) for found in hexes if found], np.nan)[codes]
     if numbers is not None:
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []

@@ -348,7 +348,7 @@ def _numbered(batch: Batch, naming: Sequence[int], head: Head, keys: dict[str, i
     for i in np.flatnonzero(np.bincount(codes + 1)[1:]).tolist():
         key = [in_labels(cell.strip()) for cell in words[i].split("\0")]
         tag = split_tag(key[-1])
-        if key[-1] and "\0".join(key) != header and (all(key[-2:]) or tag.loop or tag.role not in SIGNALS):
+        if key[-1].strip("-=") and "\0".join(key) != header and (all(key[-2:]) or tag.loop or tag.role not in SIGNALS):
             table[i] = keys.setdefault("\0".join(key), len(keys))
     return table[codes]
 

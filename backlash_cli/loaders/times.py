@@ -32,7 +32,8 @@ DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
 LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64 bits
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
-_FIRST_YEAR, _YEARS = 1800, 1000  # of dates that may be open
+_FIRST_YEAR, _YEARS = 1800, 500  # of dates that may be open; with an offset they are packed so many years later
+_ZONED = 92_000_000 * DAY  # added to a stamp with an offset beside which others may have none; above LIMIT
 DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
 _REGION = re.compile(r"[\s\[(]([A-Za-z]+/[A-Za-z_/]+)[\])]?\s*$")  # 2026-03-17 08:00:00 Europe/Berlin
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
@@ -91,13 +92,14 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     days = days_of(year, np.abs(np.where(month_first, a, b)), np.where(year_first, c, np.where(month_first, b, a)))
     unclear = (a >= 0) & ~year_first & (b >= 0)
     bad |= unclear & ((a >= 100) | (year < _FIRST_YEAR) | (year >= _FIRST_YEAR + _YEARS))
-    packed = _OPEN + ((((year - _FIRST_YEAR) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
+    packed = _OPEN + ((((year - _FIRST_YEAR + _YEARS * zoned) * 100 + b) * 100 + a) << _SHIFT) + clock + DAY
     return np.where(bad, NAT, np.where(unclear, packed, (days + clock.astype("m8[us]")).astype(np.int64))), zoned
 
 
-def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray]:
-    """(number of the date, time of day) of open stamps."""
-    return (stamps - _OPEN) >> _SHIFT, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY
+def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
+    """(number of the date, time of day, has an offset) of open stamps."""
+    zoned, numbers = np.divmod((stamps - _OPEN) >> _SHIFT, _YEARS * 10_000)
+    return numbers, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY, zoned > 0
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
@@ -231,7 +233,7 @@ class StampReader:
                 codes, words = codes_and_words(column.cast(pa.string()))
                 micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
-                self._zones |= {True} if zoned.any() else set()
+                self._zones = {True} if zoned.any() else self._zones
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
         known = (stamps != NAT) & (np.abs(clock) <= DAY)
         return np.where(known, stamps + np.where(known, clock, 0.0).astype(np.int64), NAT)
@@ -242,20 +244,32 @@ class StampReader:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
-        if self._open and np.isnat(days_of(*_readings(np.array(list(self._open), np.int64))[order])).all():
-            raise InputError(**explained("time_format:order", shown=self._shown_open, column=self.name, order=order),
-                             where=self.where)
+        if self._open:
+            days = {kind: days_of(*own) for kind, own in _readings(np.array([*self._open], np.int64)).items()}
+            if np.isnat(days[order]).all():
+                raise InputError(**explained("time_format:order", shown=self._shown_open, column=self.name,
+                                             order=order), where=self.where)
+            own, turned = days[order], days["mdy" if order == "dmy" else "dmy"]
+            step, ahead, back = (np.abs(b[1:] - a[:-1]) for a, b in ((own, own), (own, turned), (turned, own)))
+            day = np.timedelta64(1, "D")  # a spreadsheet has understood half of the dates, and turned them
+            if not self.form and np.any(wrong := (step > 3 * day) & ((ahead <= day) | (back <= day))):
+                at = int(np.argmax(wrong))
+                raise InputError(**explained("dates_turned", column=self.name, order=order, day=own[at],
+                                             next=own[at + 1]), where=self.where)
         zone = self._zone if False in self._zones else None
         if (asked := self.options.timezone) and False not in self._zones:
             self.notes.append(noted("timezone_unused", zone=asked))
+        if zone and True in self._zones:
+            self.notes.append(noted("mixed_zones", others=f"are read in {zone}"))
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:
-            is_open = _is_open(stamps)
+            zoned = stamps > LIMIT
+            stamps, is_open = np.where(zoned, stamps - _ZONED, stamps), _is_open(stamps)
             if is_open.any():
-                (numbers, clock), stamps = _unpacked(stamps[is_open]), stamps.copy()
+                numbers, clock, zoned[is_open] = _unpacked(stamps[is_open])
                 stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
-            return stamps if zone is None else self._utc(stamps, zone)
+            return stamps if zone is None else np.where(zoned, stamps, self._utc(np.where(zoned, NAT, stamps), zone))
 
         return resolved
 
@@ -330,12 +344,13 @@ class StampReader:
                 return self._numbers(np.append(values, np.nan)[codes])
         is_open = np.flatnonzero(_is_open(micros))
         self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
-        numbers, clocks = _unpacked(micros[is_open])
+        numbers, clocks, _ = _unpacked(micros[is_open])
         for day in dict.fromkeys(numbers.tolist()):  # in the order in which they stand in the file
             own = clocks[numbers == day]
             seen = self._open.setdefault(day, [int(own[0]), 0, 0])
             seen[1:] = int(own[-1]), seen[2] + len(own)
-        return np.append(self._seen(micros, zoned), NAT)[codes]
+        marked = np.where(zoned & (micros > -LIMIT), micros + _ZONED, micros)
+        return np.append(self._seen(marked, zoned), NAT)[codes]
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""

@@ -1,5 +1,6 @@
 """The engineering spans of a loop: given, or guessed from its data."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,11 @@ MOST_MA, MA = 30.0, (3.8, 20.5)  # of an output in milliamperes, where it may be
 TINY = 0.01  # of a span: no valve is throttled there, but shares of 1 are where per cent are expected
 
 
-def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], current: bool = False
-             ) -> tuple[LoopSettings, list[Note]]:
+def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray],
+             told: Mapping[str, tuple[float, float] | None]) -> tuple[LoopSettings, list[Note]]:
     """Decide the spans of one loop after the contract; return its settings on normalised signals, and what was guessed.
-    pv: (samples,) measurement, and setpoint where there is one; op: output, if recorded; current: it is one in mA, as
-    its column says. Raises LoopError (missing_range) for a gain whose spans are not known."""
+    pv: (samples,) measurement, and setpoint if there is one; op: output, if recorded; told: by their units, as 4 to 20
+    of mA. Raises LoopError (missing_range) for a gain whose spans are not known."""
     notes: list[Note] = []
     loop, guessed = settings.loop, []
     for name, given, signals in (("pv_range", settings.pv_range, pv), ("op_range", settings.op_range, op)):
@@ -27,17 +28,17 @@ def spans_of(settings: Settings, pv: list[FloatArray], op: list[FloatArray], cur
             if name == "op_range" and signals:
                 low, high = np.fmin.reduce(signals[0]), np.fmax.reduce(signals[0])
                 tiny = given[0] <= low < high <= given[0] + TINY * (given[1] - given[0])
-                wrong = ("op_milliamps" if current and high < MOST_MA < given[1] else "op_tiny" if tiny else
-                         "op_outside" if low > given[1] or high < given[0] else "")
+                wrong = "op_milliamps" if told.get(name) == (4.0, 20.0) and high < MOST_MA < given[1] else (
+                    "op_tiny" if tiny else "op_outside" if low > given[1] or high < given[0] else "")
                 if wrong:
                     notes.append(noted(wrong, {"effect": "blocks"} if wrong == "op_milliamps" else {}, share=TINY,
                                        low=low, high=high, end=given[1]))
             continue
         values = np.concatenate([part[np.isfinite(part)] for part in (*signals, np.zeros(0))])
-        low, high = _bounds(values)
-        if name == "op_range" and current:
-            span = 4.0, 20.0
-            notes.append(noted("op_current"))
+        (low, high), (begin, end) = _bounds(values), told.get(name) or (0.0, 0.0)
+        if begin < end and 2 * np.sum(np.abs(2 * values - begin - end) <= (1 + SLACK) * (end - begin)) > len(values):
+            span = begin, end
+            notes.append(noted("span_told", name=name, begin=begin, end=end))
         elif low >= -SLACK and high <= 1.0 + SLACK:
             span = 0.0, 1.0
             notes += [noted("op_share")] * (name == "op_range" and len(values) > 0)
@@ -73,9 +74,8 @@ def _bounds(values: FloatArray) -> tuple[float, float]:
     low, first, last, high = (quantile(values, share) for share in (0.001, 0.05, 0.95, 0.999))
     reach = 8.0 * max(last - first, 1e-9 * max(abs(last), abs(first)))
     if low < first - reach or high > last + reach:
-        near = values[(values >= first - reach) & (values <= last + reach)]
-        if len(near):
-            low, high = quantile(near, 0.001), quantile(near, 0.999)
+        near = values[(values >= first - reach) & (values <= last + reach)]  # never none: first to last lie in it
+        low, high = quantile(near, 0.001), quantile(near, 0.999)
     return low, high
 
 

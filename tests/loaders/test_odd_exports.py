@@ -515,7 +515,7 @@ def test_numbers_asked_for_where_texts_stand_are_refused(tmp_path, form):
 
 
 @pytest.mark.parametrize(("name", "factor", "given", "span", "code"), [
-    ("OP [mA]", 0.16, "", (4.0, 20.0), "op_current"), ("OP [mA]", 0.16, "op_range = [0, 20]", (0.0, 20.0), ""),
+    ("OP [mA]", 0.16, "", (4.0, 20.0), "span_told"), ("OP [mA]", 0.16, "op_range = [0, 20]", (0.0, 20.0), ""),
     ("OP [mA]", 0.16, "op_range = [0, 100]", (0.0, 100.0), "op_milliamps"), ("OP", 0.01, "", (0.0, 1.0), "op_share"),
     ("OP", 9.0, "op_range = [0, 100]", (0.0, 100.0), "op_outside"),
     ("OP", 0.01, "op_range = [0, 100]", (0.0, 100.0), "op_tiny"), ("OP", 0.01, "op_range = [0, 1]", (0.0, 1.0), "")])
@@ -526,7 +526,105 @@ def test_an_output_in_another_unit_is_taken_for_what_it_is_or_told(tmp_path, nam
     (tmp_path / "loops.toml").write_text(SETTINGS.replace("op_range = [0, 100]", given), encoding="utf-8")
     record = read(path)["FIC101"]
     assert record.settings.op_range == span
-    assert {note.code for note in record.notes if note.code.startswith("op_")} == {code} - {""}
+    assert {note.code for note in record.notes if note.code.startswith(("op_", "span_"))} == {code} - {""}
+
+
+@pytest.mark.parametrize(("above", "factor", "zero", "span"), [
+    (["Unit,m3/h,m3/h,mA,,"], 0.16, 4.0, (4.0, 20.0)), ([",m3/h,m3/h,psi,,"], 0.12, 3.0, (3.0, 15.0)),
+    (["Range,0-900,0-900,0..10,,"], 0.1, 0.0, (0.0, 10.0)), (["EU,,,V (0-10),,"], 0.1, 0.0, (0.0, 10.0)),
+    (["Low,0,0,0,,", "High,900,900,27648,,"], 276.48, 0.0, (0.0, 27648.0)), ([",bar,bar,%,,"], 1.0, 0.0, (0.0, 100.0)),
+    (["Range,0-900,0-900,200-300,,"], 1.0, 0.0, (0.0, 100.0))])  # far from the values: no range of theirs
+def test_lines_above_tell_the_unit_or_the_range_of_an_output(tmp_path, above, factor, zero, span):
+    text = wide(value=lambda n, v: f"{zero + factor * v:.4f}" if n.endswith("OP") else cell(n, v))
+    width = text.split("\n")[0].count(",")
+    header, *rows = text.split("\n")
+    lines = [line.rstrip(",") + "," * (width - line.rstrip(",").count(",")) for line in above]
+    path = save(tmp_path, "\n".join([header, *lines, *rows]))
+    (tmp_path / "loops.toml").unlink()
+    record = read(path)["FIC101"]
+    assert record.settings.op_range == span
+    assert record.settings.pv_range == ((0.0, 900.0) if "900" in "".join(above) else record.settings.pv_range)
+    np.testing.assert_allclose(record.output * 100.0, SIGNALS["FIC101.OP"], atol=0.06)
+
+
+def test_names_of_devices_make_one_loop_where_each_signal_stands_once(tmp_path):
+    devices = {"FIC101.PV": "FT101.PV", "FIC101.OP": "FV101.OP"}
+    plant = read(save(tmp_path, wide(name=lambda n: devices.get(n, n))))
+    assert "FIC101" in [record.loop for record in plant] and not {"FT101", "FV101"} & {r.loop for r in plant}
+    equals_the_recording(plant["FIC101"])
+    twice = wide(name=lambda n: {**devices, "PIC303.PV": "FFT101.PV"}.get(n, n))  # whose measurement is it?
+    (tmp_path / "twice").mkdir()
+    with pytest.raises(BacklashError, match=r"FIC101: no measurement"):
+        read(save(tmp_path / "twice", twice))
+
+
+@pytest.mark.parametrize(("name", "loop", "role"), [
+    ("FIC101.SP Setpoint", "FIC101", "sp"), ("FIC101.PV Process value", "FIC101", "pv"),
+    ("FIC101_OP_输出", "FIC101", "op")])
+def test_a_signal_that_is_named_twice_is_one(name, loop, role):
+    tag = split_tag(name)
+    assert (tag.loop, tag.role) == (loop, role)
+
+
+def test_codes_in_hexadecimal_with_their_words_are_qualities(tmp_path):
+    def row(tag, stamp, value):
+        bad = tag == "FIC101.PV" and int((stamp - STAMPS[0]).total_seconds()) in SPOILT
+        return f"{tag};{iso(stamp)};{'0' if bad else value};" + (
+            "0x00000018 (Bad, Comm Failure)" if bad else "0x000000C0 (Good)")
+
+    plant = read(save(tmp_path, long(row, "ItemID;Timestamp;Value;Quality")))
+    assert np.count_nonzero(np.isnan(plant["FIC101"].measurement)) + np.count_nonzero(
+        plant["FIC101"].state == SampleState.FILLED) == len(SPOILT)
+    assert "quality_one" not in codes(plant["PIC303"].notes)
+
+
+def test_the_offset_of_a_stamp_holds_whatever_zone_is_named(tmp_path):
+    """Every second stamp in UTC with its offset, the others as the clock in Berlin showed them."""
+    berlin, stamps = ZoneInfo("Europe/Berlin"), iter(range(10**6))
+
+    def mixed(stamp):
+        aware = stamp.replace(tzinfo=dt.UTC)
+        return f"{aware:%Y-%m-%dT%H:%M:%SZ}" if next(stamps) % 2 else f"{aware.astimezone(berlin):%Y-%m-%dT%H:%M:%S}"
+
+    record = read(save(tmp_path, wide(mixed)), options=ReadOptions(timezone="Europe/Berlin"))["FIC101"]
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() and len(record) == ROWS
+    assert "mixed_zones" in codes(record.notes)
+    equals_the_recording(record)
+    stamps = iter(range(10**6))
+    slashed = re.sub(r"(?m)^(\d+)-(\d+)-(\d+)T", r"\3/\2/\1 ", wide(mixed))  # dates that are open at first
+    again = read(save(tmp_path, slashed, "other.csv"), options=ReadOptions(timezone="Europe/Berlin"))["FIC101"]
+    assert again.start == record.start
+    equals_the_recording(again)
+
+
+def test_zero_bytes_that_were_never_written_are_told_and_the_rest_is_read(tmp_path):
+    whole = wide().encode()
+    middle, size = len(whole) // 2, len(whole)
+    for begin, end in ((middle, size), (middle, middle + 3000), (size - 900, size)):
+        path = save(tmp_path, whole[:begin] + bytes(end - begin) + whole[end:])
+        plant = read(path)
+        (told,) = (note for note in plant.warnings if note.code == "truncated")
+        assert "zero bytes" in told.message and path.name in told.message
+        record = plant["FIC101"]
+        known = np.isfinite(record.measurement)
+        assert begin / len(whole) * ROWS - 60 < known.sum() < ROWS
+        wanted = np.asarray(SIGNALS["FIC101.PV"])[record.index[known]]
+        np.testing.assert_allclose(record.measurement[known] * 900.0, wanted, atol=1e-3)
+    with pytest.raises(InputError, match="binary"):
+        read(save(tmp_path, bytes(5000), "zeros.csv"))
+
+
+def test_dates_that_change_their_order_are_refused(tmp_path):
+    day = dt.datetime(2026, 3, 31, 23, 58)
+
+    def turned(stamp):
+        stamp = day + (stamp - STAMPS[0])
+        return f"{stamp:%d/%m/%Y %H:%M:%S}" if stamp.day > 12 else f"{stamp:%m/%d/%Y %H:%M:%S}"
+
+    text = wide(turned)
+    with pytest.raises(InputError, match=r"2026-03-31 is followed by 2026-01-04.*--time-format"):
+        read(save(tmp_path, text))
+    assert len(read(save(tmp_path, text), options=ReadOptions(time_format="dmy"))) == 2
 
 
 def test_tags_below_the_channels_of_a_recorder_name_its_signals(tmp_path):
