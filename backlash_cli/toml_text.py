@@ -35,7 +35,7 @@ def read_page(path: str | PathLike[str], what: str, remedy: str, otherwise: str 
             return text.decode("utf-16" if text.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
         return text.decode(otherwise)
     except (OSError, UnicodeDecodeError) as error:
-        problem = getattr(error, "strerror", None) or "not UTF-8 text: save it as UTF-8"
+        problem = getattr(error, "strerror", None) or "not UTF-8 text: save it as UTF-8 text, a workbook as CSV"
         raise MetadataError(f"{what} cannot be read: {problem}", where=str(path), remedy=remedy) from None
 
 

@@ -89,7 +89,7 @@ class Text:
                  opened: Callable[[], Any] | None = None) -> None:
         self.path, self.where, self.options, self._taken = path, str(path), options, taken
         self.notes: list[Note] = []
-        self.rest = lines_together(self._written(self._decoded(self._pieces(opened))))
+        self.rest = lines_together(self._decoded(self._pieces(opened)))
         self.head = next(self.rest, bytearray())
 
     def _pieces(self, part: Callable[[], Any] | None) -> Iterator[bytes]:
@@ -124,8 +124,9 @@ class Text:
                 yield piece
 
     def _decoded(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
-        """Yield text as UTF-8; from the first bytes on that are not, it counts as of a `code_page`."""
-        head, where = b"", self.where
+        """Yield text as UTF-8; from the first bytes on that are not, it counts as of a `code_page`. Zero bytes, which
+        stand for what was never written, end their line in a cell that is none."""
+        head, where, begin = b"", self.where, 0
         while len(head) < SAMPLE and (piece := next(pieces, b"")):
             head += piece
         if not head:
@@ -135,30 +136,23 @@ class Text:
         encoding = guess_encoding(head, self.path, self.options)
         decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
         for piece in chain([head.removeprefix(codecs.BOM_UTF8)], pieces, [b""]):
-            if encoding == "utf-8" and piece.isascii() and not decoder.getstate()[0]:
-                yield piece
-                continue
-            try:
-                text = decoder.decode(piece, final=not piece)
-            except UnicodeError as error:
-                if encoding != "utf-8":
-                    raise InputError(**explained("encoding_wrong", form=encoding, text=error), where=where) from None
-                piece, encoding = decoder.getstate()[0] + piece, code_page(head)
-                decoder = codecs.getincrementaldecoder(encoding)("replace")
-                text = decoder.decode(piece)
-                self.notes.append(noted("encoding:page", encoding=encoding))
-            if "\ufffd" in text and encoding != "utf-8" and not self.notes:
-                self.notes.append(noted("encoding", encoding=encoding))
-            yield text.encode("utf-8", errors="replace")
-
-    def _written(self, pieces: Iterator[bytes]) -> Iterator[bytes]:
-        """Yield text that ends its line, in a cell that is none, where zero bytes stand for what was never written."""
-        begin, lost = 0, False
-        for piece in pieces:
+            if encoding != "utf-8" or not piece.isascii() or decoder.getstate()[0]:
+                try:
+                    text = decoder.decode(piece, final=not piece)
+                except UnicodeError as error:
+                    if encoding != "utf-8":
+                        raise InputError(**explained("encoding_wrong", form=encoding, text=error), where=where) from error
+                    piece, encoding = decoder.getstate()[0] + piece, code_page(head)
+                    decoder = codecs.getincrementaldecoder(encoding)("replace")
+                    text = decoder.decode(piece)
+                    self.notes.append(noted("encoding:page", encoding=encoding))
+                if "\ufffd" in text and encoding != "utf-8" and not self.notes:
+                    self.notes.append(noted("encoding", encoding=encoding))
+                piece = text.encode("utf-8", errors="replace")
             if b"\0" in piece:
-                if not lost:
-                    self.notes.append(noted("truncated:zeros", file=self.where, MB=(begin + piece.index(0)) / 1e6))
-                piece, lost = re.sub(rb"\0+", b"\0\n\0", piece), True
+                if all(note.code != "truncated" for note in self.notes):
+                    self.notes.append(noted("truncated:zeros", file=where, MB=(begin + piece.index(0)) / 1e6))
+                piece = re.sub(rb"\0+", b"\0\n\0", piece)
             begin += len(piece)
             yield piece
 

@@ -250,12 +250,11 @@ class StampReader:
                 raise InputError(**explained("time_format:order", shown=self._shown_open, column=self.name,
                                              order=order), where=self.where)
             own, turned = days[order], days["mdy" if order == "dmy" else "dmy"]
-            step, ahead, back = (np.abs(b[1:] - a[:-1]) for a, b in ((own, own), (own, turned), (turned, own)))
-            day = np.timedelta64(1, "D")  # a spreadsheet has understood half of the dates, and turned them
-            if not self.form and np.any(wrong := (step > 3 * day) & ((ahead <= day) | (back <= day))):
-                at = int(np.argmax(wrong))
-                raise InputError(**explained("dates_turned", column=self.name, order=order, day=own[at],
-                                             next=own[at + 1]), where=self.where)
+            goes_on, *others = (np.abs(b[1:] - a[:-1]) <= np.timedelta64(most, "D") for a, b, most in (
+                (own, own, 3), (own, turned, 1), (turned, own, 1)))  # a spreadsheet turns what it takes for dates
+            if not self.form and np.any(wrong := ~goes_on & np.any(others, axis=0)):
+                raise InputError(**explained("dates_turned", column=self.name, order=order, day=own[:-1][wrong][0]),
+                                 where=self.where)
         zone = self._zone if False in self._zones else None
         if (asked := self.options.timezone) and False not in self._zones:
             self.notes.append(noted("timezone_unused", zone=asked))

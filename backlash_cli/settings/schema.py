@@ -123,7 +123,7 @@ def parse_table(text: str, where: str) -> Metadata:
         if name.lower() in ("defaults", "default"):
             defaults = values
         elif not name or name in loops:
-            raise MetadataError(f"loop {name!r} is listed twice" if name else "row without a loop name",
+            raise MetadataError(f"loop {name!r} is listed twice: leave one out" if name else "row without a loop name",
                                 where=f"{where}, line {line}")
         else:
             loops[name] = values
