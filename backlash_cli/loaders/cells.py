@@ -12,19 +12,9 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..record import FloatArray, Frozen, IntArray
+from .names import FORM
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
-_NUMBER = r"^[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?$"
-_UNITED = re.compile(r"(?s)^([+-]?(?:\d[\d.,'’ \u00a0\u2009\u202f]*\d|\d|[.,]\d+)(?:[eEdD][+-]?\d+)?)\s*([^\d\s].*)?$")
-# With the point as decimal sign: groups of three digits between separators of one kind; 1,25,300 as in India.
-_GROUPED = re.compile(r"^[+-]?\d{1,3}(?:([,'’ \u00a0\u2009\u202f])\d{3}(?:\1\d{3})*|(?:,\d\d)+,\d{3})"
-                      r"(?:\.\d*)?(?:[eE][+-]?\d+)?$")
-_SEPARATED = re.compile(r"[,'’ \u00a0\u2009\u202f]")
-_BLANKS = re.compile(r"[\s'’\u00a0\u202f]")
-_FLAG = re.compile(r"\b(?:bad|uncertain|questionable|suspect|invalid|error|fail\w*|stale|timeout)\b|^[?#*]+$|^#"
-                   r"|^\.?#(?:INF|\w*NAN|IND)|^\S{0,4}\s?[+-]\d|10\^|^[-:] |^x[\da-f]+\b", re.IGNORECASE)
-# behind a number it is none (1.#QNAN, 0xC0), or a power of ten (3.7x10^+02), or a state (1 - Auto)
-_CLOCK = re.compile(r"^\d+[:/-]\d|^\d{1,2}(?:-|\. +)[^\W\d_]{3}")  # a time or a date (16-Jul) is no measurement
 
 
 class Lexicon(Frozen, eq=False):
@@ -156,7 +146,7 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
 def plain_numbers(words: list[str], decimal: str = ".") -> FloatArray:
     """Return the values of the texts that are plain finite numbers, nan for all others."""
     text = pc.utf8_trim_whitespace(pa.array(words, pa.large_string()))
-    chosen = pc.match_substring_regex(text, _NUMBER.replace(r"\.", f"[{decimal}]"))
+    chosen = pc.match_substring_regex(text, FORM.plain.pattern.replace(r"\.", f"[{decimal}]"))
     plain = pc.replace_substring(pc.if_else(chosen, text, None), decimal, ".")
     values = to_array(pc.utf8_ltrim(plain, "+").cast(pa.float64()))
     return np.where(np.isinf(values), np.nan, values)
@@ -167,13 +157,13 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
     text = text.replace("\u2212", "-")
     minus = re.fullmatch(r"\(([^()]+)\)|([^-].*?) *-", text) if len(text) <= 60 else None  # as (12.5) and 12.5-
     text = f"-{minus[1] or minus[2]}" if minus else text
-    match = None if len(text) > 60 or _CLOCK.match(text) else _UNITED.match(text)
+    match = None if len(text) > 60 or FORM.clock.match(text) else FORM.united.match(text)
     unit = (match[2] or "").strip() if match else ""
-    if match is None or _FLAG.search(unit):
+    if match is None or FORM.flag.search(unit):
         return np.nan, ""
     digits = match[1].lower().replace("d", "e").translate({44: ".", 46: ","} if comma else {})
     try:
-        value = float(_SEPARATED.sub("", digits) if _GROUPED.match(digits) else digits)
+        value = float(FORM.separator.sub("", digits) if FORM.grouped.match(digits) else digits)
     except ValueError:
         value = np.nan
     return (value, unit) if np.isfinite(value) else (np.nan, "")
@@ -181,7 +171,7 @@ def _with_unit(text: str, comma: bool) -> tuple[float, str]:
 
 def decimal_sign(words: list[str], decimal: str) -> str:
     """The decimal sign of texts: the given one, unless more of them show the other one where it parts no thousands."""
-    words, other = [_BLANKS.sub("", w) for w in words], "," if decimal == "." else "."
+    words, other = [FORM.blank.sub("", w) for w in words], "," if decimal == "." else "."
     if both := next((w for w in words if "." in w and "," in w), ""):
         return "," if both.rfind(",") > both.rfind(".") else "."
     if any(w.count(",") > 1 for w in words):

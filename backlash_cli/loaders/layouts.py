@@ -13,7 +13,7 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored, to_array
-from .names import COLUMNS, SIGNALS, TITLE, Tag, explained, is_column, is_whole, plain, signal_role, span_of, split_tag
+from .names import COLUMNS, FORM, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, span_of, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
@@ -21,7 +21,6 @@ from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, PLACE, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "place", "tag", "value"))
-_LATER = re.compile("ingest|load|insert|server|enqueue|arriv|receiv|creat|process")  # not when it was measured
 _OPC = frozenset({*range(0, 256, 4), 219})
 
 
@@ -100,7 +99,7 @@ class Head(Frozen):
     def loops(self) -> list[int]:
         """Columns that name the loop or tag of a row: the header says so, or several such as FIC101."""
         return [i for i in self.texts + self.ids if self.plain[i] in TAG | LOOP | {"measurement"} or (
-            i in self.texts and len(words := self.words(i)) > 1 and all(map(TITLE.fullmatch, words)))]
+            i in self.texts and len(words := self.words(i)) > 1 and all(map(FORM.title.fullmatch, words)))]
 
     @cached_property
     def places(self) -> list[int]:
@@ -223,7 +222,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if dates and of_day:
         return (*dates[: None if head.parts.get(dates[0]) else 1], *of_day, *halves), {*head.times, *head.parts}
     utc = [i for i in columns if re.search("utc|epoch", head.names[i], re.IGNORECASE)]
-    best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(_LATER.match(head.plain[i])),
+    best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(FORM.later.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))
     return (best, *halves), {*head.times, *head.parts}
 

@@ -1,8 +1,9 @@
-"""Names of columns and tags: which signal of which loop is this? The words that are known stand in words.toml."""
+"""Names of columns and tags: which signal of which loop is this? Known words and forms are in words.toml."""
 
 import re
 from functools import lru_cache
 from itertools import product
+from types import SimpleNamespace
 
 from ..record import Frozen
 from ..words import Words
@@ -12,22 +13,9 @@ SIGNALS: dict[str, str] = WORDS["signals"]
 COLUMNS = {kind: frozenset(words.format_map(WORDS["columns"]).split()) for kind, words in WORDS["columns"].items()}
 _LIKE = {kind: re.compile(test.replace("TIME", "|".join(COLUMNS["time"]))) for kind, test in WORDS["like"].items()}
 _LOOKUP = {word: role for role, words in SIGNALS.items() for word in words.split()}
-BLOCK = re.compile(r"[./](?:DACA|PIDA|PID\d?|AIN?\d?|AO\d?)$", re.IGNORECASE)  # of a controller
+_FORMS = WORDS["forms"] | {name: "(?i)" + "|".join(words.split()) for name, words in WORDS["words"].items()}
+FORM = SimpleNamespace(**{name: re.compile(form.replace("TAG", _FORMS["tag"])) for name, form in _FORMS.items()})
 NESTED_LIMIT = 500  # longer names are taken apart once only
-_PART = re.compile(r"(?:^|(?:->|[.,\-_/:\\|#$~! \n])+)([^.,\-_/:\\|#$~! \n]+)")
-_BRACKET = re.compile(r'^(.*?)\s*[\[({](?:\w+\s?[=:]\s?)?"?([^\[\](){}"]+)"?[\])}]$')  # FIC101[PV], SP {loop="FIC101"}
-_SERVER = re.compile(WORDS["lines"]["server"])
-_LABEL = re.compile(r'(\w+)\s?[=:]\s?"?([^",}]+)')  # pid_pv{job="opc", loop="FIC101"}
-_TAG = r"(?=[A-Z]*C)[A-Z]{2,5}[-_ ]?\d+[A-Z]?"  # of a controller (ISA 5.1): FIC101, TRC-2A
-TITLE = re.compile(rf"\W*(?:\w+\W+)?({_TAG})\W*")  # [FIC101], # Loop FIC101: a line above a table
-_UNIT = re.compile(rf"(?:\[(?!{_TAG})[^\[\]]*\]|\((?!{_TAG})[^()]*\))\s*$")
-_PIECE = re.compile(r"\s*[\n\[\](){}<>=]\s*|\s+[-–—]\s+|\s*[:,;]\s+")  # FIC1.PV - Feed flow, Feed flow [FIC1.PV]
-_WHOLE = re.compile(r"[\w$%+/\\|#~.\-:]+(?: \w+)?")
-_TYPED = re.compile(r"^\W*(?:l?r|[fbniwe])(?=[A-Z])")  # fSetpoint, rPV, as programmers of controllers write
-_DATED = re.compile(WORDS["lines"]["dated"])
-_GLUED = re.compile(WORDS["lines"]["glued"])
-_SPAN = re.compile(WORDS["spans"].pop("range"))
-_LEVELS = re.compile(r"^\('([^']*)', '([^']*)'\)$")  # ('FIC101', 'PV'), as pandas writes names of two levels
 
 
 class Tag(Frozen):
@@ -43,24 +31,24 @@ class Tag(Frozen):
 @lru_cache(1 << 18)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", _UNIT.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", FORM.unit.sub("", text)).lower()
 
 
 def bare_tag(text: str) -> str:
     """Return a tag in lower case without a server before it and a unit in brackets behind it."""
-    return _UNIT.sub("", _SERVER.sub("", text.strip())).rstrip().lower()
+    return FORM.unit.sub("", FORM.server.sub("", text.strip())).rstrip().lower()
 
 
 def undated(stem: str) -> str:
     """Return the name of a file without the dates, perhaps with times, around it: FIC101.PV_20260302_2155."""
-    return (len(stem) <= NESTED_LIMIT and _DATED.sub("", stem)) or stem
+    return (len(stem) <= NESTED_LIMIT and FORM.dated.sub("", stem)) or stem
 
 
 def span_of(unit: str, role: str) -> tuple[float, float] | None:
     """Return the range that a unit tells, in brackets behind a name or alone: 0..60 m3/h, 3 to 15 of an OP in psi."""
-    unit = (found[0] if (found := _UNIT.search(unit)) else unit).strip("[]() ")
+    unit = (found[0] if (found := FORM.unit.search(unit)) else unit).strip("[]() ")
     usual = WORDS["spans"].get(unit.lower(), "0 0") if role == "op" else "0 0"
-    ends = (found[1], found[2]) if (found := _SPAN.fullmatch(unit)) else usual.split()
+    ends = (found[1], found[2]) if (found := FORM.span.fullmatch(unit)) else usual.split()
     low, high = (float(end.replace(",", ".")) for end in ends)
     return (low, high) if low < high else None
 
@@ -73,7 +61,7 @@ def is_whole(text: str) -> bool:
 
 def signal_role(text: str) -> str:
     """Return "sp", "pv", "op", "mode" when the whole text is a usual name of that signal, else ""."""
-    return _LOOKUP.get(plain(text)) or _LOOKUP.get(plain(_TYPED.sub("", text)), "")
+    return _LOOKUP.get(plain(text)) or _LOOKUP.get(plain(FORM.typed.sub("", text)), "")
 
 
 def is_column(text: str, *kinds: str) -> bool:
@@ -85,7 +73,7 @@ def is_column(text: str, *kinds: str) -> bool:
 def _labelled(name: str) -> str:
     """Return FIC101.pv for pid_pv{job="opc", loop="FIC101"}: a label names the loop; and for FIC101.pv {host: a}."""
     metric, _, rest = name.rpartition("{")
-    labels = {plain(key): value.strip() for key, value in _LABEL.findall(rest)}
+    labels = {plain(key): value.strip() for key, value in FORM.label.findall(rest)}
     metric = metric.strip() or labels.pop("name", "")
     tags = {text: split_tag(text) for text in (metric, *labels.values()) if text}
     signals = [text for text, tag in tags.items() if tag.role in SIGNALS]
@@ -100,7 +88,7 @@ def in_labels(text: str) -> str:
     """Return FIC101 of loop=FIC101,site=A, as InfluxDB writes what a row belongs to; other texts as they are."""
     if not re.fullmatch(r"\w+=[^,;=]*(?:,\w+=[^,;=]*)*", text):
         return text
-    labels = {plain(key): value.strip() for key, value in _LABEL.findall(text)}
+    labels = {plain(key): value.strip() for key, value in FORM.label.findall(text)}
     return next((labels[key] for kind in ("loop", "tag") for key in labels if key in COLUMNS[kind]),
                 text.rpartition("=")[2])
 
@@ -108,10 +96,10 @@ def in_labels(text: str) -> str:
 @lru_cache(1 << 18)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
-    name = _GLUED.sub(" ", _SERVER.sub("", text.strip()))
-    name = name.replace('"', "") if name.startswith('"') else _LEVELS.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
-    pieces = [p for p in _PIECE.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
-    if len(pieces) == 2 and signal_role(pieces[0]) and re.fullmatch(_TAG, pieces[1]):  # SP (FIC101)
+    name = FORM.glued.sub(" ", FORM.server.sub("", text.strip()))
+    name = name.replace('"', "") if name.startswith('"') else FORM.levels.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
+    pieces = [p for p in FORM.piece.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
+    if len(pieces) == 2 and signal_role(pieces[0]) and FORM.tag.fullmatch(pieces[1]):  # SP (FIC101)
         return split_tag(f"{pieces[1]}.{pieces[0]}")
     if len(pieces) == 2 and re.search(" [-–—] |: ", name) and signal_role(pieces[1]) and not signal_role(pieces[0]):
         return Tag(pieces[0], signal_role(pieces[1]), pieces[1])  # Feed Flow Controller - Output
@@ -119,16 +107,16 @@ def split_tag(text: str) -> Tag:
         return Tag("", "", name)
     known = any(plain(piece) in COLUMNS["time"] or is_column(piece, "statistic", "quality") for piece in pieces)
     if len(pieces) > 1 and name[:1] != "[" and not known:
-        whole = {tag for p in pieces if _WHOLE.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
+        whole = {tag for p in pieces if FORM.whole.fullmatch(p) and (tag := split_tag(p)).role in SIGNALS and (
             (p == pieces[0] and " " not in p) or re.search(r"[^\W\d].*\d|\d.*[^\W\d]", tag.loop))}
         if len(whole) == 1:
             return whole.pop()
     name = _labelled(name) if "{" in name and len(name) <= NESTED_LIMIT else name
-    if bracket := _BRACKET.match(name) if len(name) <= NESTED_LIMIT else None:
+    if bracket := FORM.bracket.match(name) if len(name) <= NESTED_LIMIT else None:
         before, role = bracket[1], signal_role(bracket[2])
         name = (f"{before}.{bracket[2]}" if (role and role != split_tag(before).role) or (
             is_column(bracket[2], "statistic", "quality")) else before or bracket[2])
-    parts = list(_PART.finditer(name))
+    parts = list(FORM.part.finditer(name))
     if len(parts) < 2:
         return Tag("", signal_role(name), name)
     last, cut = plain(parts[-1][1]), parts[-1].start()
@@ -152,7 +140,7 @@ def split_tag(text: str) -> Tag:
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
                 # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
-                loop = found[1] if (found := re.fullmatch(rf"({_TAG}),?\s[^\d.]*", name[:cut])) else name[:cut]
+                loop = found[1] if (found := FORM.described.fullmatch(name[:cut])) else name[:cut]
                 named = split_tag(loop) if len(name) <= NESTED_LIMIT else Tag("", "", "")  # FIC101.SP Setpoint
                 return named if named.role == role and re.search(r"\d", named.loop) else Tag(
                     loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

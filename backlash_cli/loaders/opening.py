@@ -25,11 +25,11 @@ from ..places import Remote
 from ..record import Note
 from .cells import decimal_sign
 from .layouts import Head, span_above
-from .names import COLUMNS, SIGNALS, TITLE, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
+from .names import COLUMNS, FORM, SIGNALS, WORDS, explained, is_column, is_whole, noted, plain, signal_role, split_tag
 from .options import DELIMITERS, ReadOptions
 from .sources import day_of, is_export, stem_of
 from .states import quality_words
-from .times import DOTTED, StampReader, stamp_kind
+from .times import StampReader, stamp_kind
 
 CHUNK, SAMPLE, BLOCK, ROWS = 1 << 17, 64 << 10, 4 << 20, 2000  # bytes read, that tell the encoding, of a block; lines
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
@@ -40,20 +40,12 @@ _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFil
 _MARKS = {"utf-8": (codecs.BOM_UTF8,), "utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE),
           "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}  # that of utf-32 begins with that of utf-16
 CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254")  # the first without signs
-_TEXT = bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)})
-_NUMBER = re.compile(WORDS["lines"]["number"], re.IGNORECASE)
-_WITH_UNIT = re.compile(r"^[+-]?\d[\d.,'’]*(?:[eE][+-]?\d+)?\s?[^\d\s:;,|][^:;,|]{0,15}$")
-_COUNT = re.compile(r"\W*\d{5}")  # of seconds since 1970, or of days
-COMMENT = re.compile(r"^\s*(?:#|\*|//|--|%|!)")
 WORKBOOKS = (".xlsx", ".xlsm")
-# tests of a line, each with what is put in the place of what where most lines pass it
 _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
               for test, *changes in WORDS["lines"]["rewritten"]]
 # A row of measurements begins with its stamp or a number, or has a stamp and something behind it.
 _ROW = re.compile(rb"[\s\"',;]*\d|.*[,;\t] *\"?(?:\d{1,4}[-/.:]\d\d?[-/.:]|\d{9})\d[^,;\t]*[,;\t][\s,;\t]*[^\s,;\t]")
-RULER = re.compile(r"^-+(?: -+)+ *$")  # below the header of a query's text, one blank between cells of full width
 HEAD_LINES, HEAD_SIZE, JOINED, MOST_TABLES = 100, 160_000, 40, 1000  # first lines, characters; of a cell; in a text
-_HERTZ = re.compile(r"(?i)(?=.*[1-9])(\d+(?:\.\d+)?) *(Hz)?")
 Line = tuple[int, int, str]
 
 
@@ -139,9 +131,9 @@ class Text:
             if encoding != "utf-8" or not piece.isascii() or decoder.getstate()[0]:
                 try:
                     text = decoder.decode(piece, final=not piece)
-                except UnicodeError as error:
+                except UnicodeError as odd:
                     if encoding != "utf-8":
-                        raise InputError(**explained("encoding_wrong", form=encoding, text=error), where=where) from error
+                        raise InputError(**explained("encoding_wrong", form=encoding, text=odd), where=where) from None
                     piece, encoding = decoder.getstate()[0] + piece, code_page(head)
                     decoder = codecs.getincrementaldecoder(encoding)("replace")
                     text = decoder.decode(piece)
@@ -189,7 +181,7 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
     for encoding, many, few in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
         if many > 0.2 * len(sample) and few < many / 8:
             return encoding
-    if len(sample.translate(None, _TEXT)) > 0.02 * len(sample):
+    if len(sample.translate(None, bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)}))) > 0.02 * len(sample):
         raise InputError(**explained("binary"), where=str(path))
     return "utf-8"
 
@@ -233,7 +225,8 @@ def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[s
              if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
         raise InputError(**explained("empty_workbook"), where=where)
-    return found if len(found) > 1 or TITLE.fullmatch(found[0][0].split("/")[-1]) else [(stem_of(name), found[0][1])]
+    (first, as_text), *more = found
+    return found if more or FORM.title.fullmatch(first.split("/")[-1]) else [(stem_of(name), as_text)]
 
 
 def tables_below(opened: Callable[[], Text], notes: list[Note]) -> list[Callable[[], Any]]:
@@ -268,7 +261,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     if len(lines) == 1 and len(lines[0][2]) > SAMPLE:
         raise InputError(**explained("one_line", MB=len(text.head) / 1e6), where=where)
     last = range(len(lines) - min(24, max(1, len(lines) // 2)), len(lines))
-    ruled = next((line.rstrip() for _, _, line in lines[:30] if RULER.match(line)), "")
+    ruled = next((line.rstrip() for _, _, line in lines[:30] if FORM.ruler.match(line)), "")
     forms = (_at_edges(ruled), *_REWRITTEN) if ruled else _REWRITTEN
     for form, changes in () if options.delimiter or declared else forms:
         if 2 * sum(bool(form.match(lines[i][2])) for i in last) > len(last):
@@ -310,7 +303,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     names = header_of(before, kinds, options, where)
     text.notes += [noted("header_unused")] * any(options.columns and score_names(r) > 1 for r in before.values())
     kinds = tuple("clock" if is_column(name, "clock") and kinds.count("time") > 1 and all(
-        DOTTED.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
+        FORM.dotted.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
     signals = [i for i, name in enumerate(names) if split_tag(name).role in SIGNALS]  # others may differ
     every = [row[i] for row in (*data, *tail) if len(row) == width for i in signals if kind(row[i]) == "number"] or [
         c for row in (*data, *tail) for c in row if kind(c) == "number"]
@@ -328,7 +321,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
-        found[1] for row in reversed(before.values()) if (found := TITLE.fullmatch(" ".join(row)))), "")
+        found[1] for row in reversed(before.values()) if (found := FORM.title.fullmatch(" ".join(row)))), "")
     # lines above, or a column, name the zone: as if the header did
     zone = next((c for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "").strip()
     zone = f" ({'UTC' * (zone[:1] in '+-')}{zone})" * bool(re.fullmatch(r"[+-][\d:]+|\w+[/+-]\S+|[A-Z]{2,5}", zone))
@@ -356,8 +349,8 @@ def _start_of(above: list[tuple[str, str]], kinds: Sequence[str], options: ReadO
 def _interval_of(above: list[tuple[str, str]]) -> int:
     """The time [microseconds] between rows that lines above name, as Sample interval: 2 s, or SampleTime[ms]; or 0."""
     for name, cell in ((n, c) for n, c in above if plain(n) in COLUMNS["interval"]):
-        if (hertz := _HERTZ.fullmatch(cell)) and (hertz[2] or re.search(r"(?i)(rate|freq\w*)\s*([(\[]Hz.)?$", name)):
-            return round(1e6 / float(hertz[1]))
+        if (rate := FORM.hertz.fullmatch(cell)) and (rate[2] or re.search(r"(?i)(rate|freq\w*)\s*([(\[]Hz.)?$", name)):
+            return round(1e6 / float(rate[1]))
         with contextlib.suppress(InputError):
             return max(int(StampReader([name], ReadOptions(), "").take([pa.array([cell])])[0]), 0)
     return 0
@@ -402,16 +395,16 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
     def is_data(row: int) -> bool:
         own = cells(row)
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
-        hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(_COUNT.match(own[i])))
+        hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(FORM.count.match(own[i])))
                 for f, i in zip(found, wanted, strict=True)]
         # a period above the header has no values, one moment there is all but alone in its row
         full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)
         filled = not times or any(kind(cell) == "number" or (full and cell.strip()) for cell, k in zip(own, kinds)  # noqa: B905
                                   if (k == "number" if "number" in kinds else k not in ("time", "clock", "empty")))
         begun = hits if times else hits[:1]  # where no column holds stamps the first one is the time
-        blank = found.count("empty") * bool(times or _COUNT.match(own[0]))  # 1773734400, and one value of many
+        blank = found.count("empty") * bool(times or FORM.count.match(own[0]))  # 1773734400, and one value of many
         return any(begun) and filled and sum(hits) + blank >= len(wanted) / 2 and not (
-            COMMENT.match(own[0]) and kind(own[0]) == "text")
+            FORM.comment.match(own[0]) and kind(own[0]) == "text")
 
     count = len(lines)
     return next((i for i in range(count) if lines[i][0] > header and is_data(i)
@@ -427,13 +420,13 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
         if not (given := list(options.columns) or before.get(options.header_row or 0)):
             raise InputError(f"line {options.header_row} cannot be the header", where=where)
         return tuple(_fit(given, width))
-    rows = [cells[len(cells) > width and bool(COMMENT.fullmatch(cells[0])) :] for cells in before.values()]
+    rows = [cells[len(cells) > width and bool(FORM.comment.fullmatch(cells[0])) :] for cells in before.values()]
     rows = [cells[1:] if len(cells) > width and kinds[0] == "time" and is_column(cells[0], "time") and is_column(
         cells[1], "time", "clock") else cells for cells in rows]  # Date, Time above cells that hold both
     rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
     rows = [cells for cells in rows if _spans(cells, width)]
-    notes = [cells for cells in rows if COMMENT.match(cells[0]) and not COMMENT.fullmatch(cells[0])]  # # heads numbers
-    commented = [[COMMENT.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
+    notes = [c for c in rows if FORM.comment.match(c[0]) and not FORM.comment.fullmatch(c[0])]  # # heads numbers
+    commented = [[FORM.comment.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
     rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
     if not rows:
         line, cells = next(reversed(before.items()), (0, list[str]()))
@@ -523,9 +516,9 @@ def kind(cell: str) -> str:
     text = cell.strip(" \t\"'")
     if not text or len(text) > 60:
         return "text" if text else "empty"
-    if _NUMBER.match(text):
+    if FORM.number.match(text):
         return "time" if len(text) >= 14 and stamp_kind(text) else "number"
-    return stamp_kind(text) or ("number" if _WITH_UNIT.match(text) else "text")
+    return stamp_kind(text) or ("number" if FORM.with_unit.match(text) else "text")
 
 
 def split_line(line: str, delimiter: str) -> list[str]:

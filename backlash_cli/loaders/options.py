@@ -52,18 +52,14 @@ class ReadOptions(Frozen):
             object.__setattr__(self, "delimiter", named.get(self.delimiter.lower(), self.delimiter))
             if len(self.delimiter) != 1 or self.delimiter in '\r\n"0123456789.':
                 raise UsageError(**explained("delimiter", text=self.delimiter), where="--delimiter")
-        if self.encoding is not None:
+        for name, known in (("encoding", "".encode), ("timezone", ZoneInfo)):
+            text = getattr(self, name)
             try:
-                "".encode(self.encoding)
-            except (LookupError, ValueError):
-                raise UsageError(**explained("encoding", text=self.encoding), where="--encoding") from None
-        if self.timezone is not None:
-            try:
-                ZoneInfo(self.timezone)
+                _ = text is None or known(text)
             except Exception:  # zoneinfo raises many kinds for odd names: all mean the same here
-                hint = nearest(self.timezone, [z for z in available_timezones() if "/" in z and z[:4] != "Etc/"])
+                hint = nearest(text, [z for z in available_timezones() if "/" in z and z[:4] != "Etc/"])
                 hint = f"{hint} Or " if hint.startswith("did") else ""
-                raise UsageError(**explained("timezone", text=self.timezone, hint=hint), where="--timezone") from None
+                raise UsageError(**explained(name, text=text, hint=hint), where=f"--{name}") from None
         if self.header_row is not None and self.header_row < 1:
             raise UsageError("lines are counted from 1", where="--header-row", remedy="give the line's number")
         [*map(check_pattern, self.loops_matching)]

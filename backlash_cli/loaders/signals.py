@@ -1,6 +1,5 @@
 """Recorded signals: their stamps and cells and where they lie, read when a loop asks, and which of them make a loop."""
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +17,7 @@ from ..scratch import Columns
 from ..settings import Metadata
 from .cells import Cells
 from .grid import Times
-from .names import BLOCK, COLUMNS, SIGNALS, bare_tag, explained, noted, plain
+from .names import COLUMNS, FORM, SIGNALS, bare_tag, explained, noted, plain
 from .states import good_samples
 
 PIECE = 1 << 20  # rows that are looked at together
@@ -145,12 +144,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     # loops that the metadata know by another spelling or by a whole part of the name, one by one
     signals = defaultdict[str, set[str]](set)  # of a loop, those of its blocks together
     for item in series:
-        signals[BLOCK.sub("", item.loop)] |= {item.role} - {""}
+        signals[FORM.block.sub("", item.loop)] |= {item.role} - {""}
     present = {item.loop for item in series if item.loop and item.role} if metadata.loops else set()
     found = {name: metadata.match(name) or metadata.part_of(name) for name in present - metadata.loops.keys()}
-    full = {match for name, match in found.items() if len(signals[BLOCK.sub("", name)]) > 1}
-    found = {name: match for name, match in found.items() if len(signals[BLOCK.sub("", name)]) > (match in full)}
-    counts = Counter({BLOCK.sub("", name): match for name, match in found.items()}.values())
+    full = {match for name, match in found.items() if len(signals[FORM.block.sub("", name)]) > 1}
+    found = {name: match for name, match in found.items() if len(signals[FORM.block.sub("", name)]) > (match in full)}
+    counts = Counter({FORM.block.sub("", name): match for name, match in found.items()}.values())
     renamed = {name: match for name, match in found.items() if match and counts[match] == 1 and match not in present}
     renamed = {name: one for name, one in _devices(signals).items() if name not in metadata.loops} | renamed
     spelt: dict[str, str] = {}
@@ -171,12 +170,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
     for item in series:
         bare["" if item.role else bare_tag(item.tag)].append(item)
     for name, one in loops.items():  # FIC101.DACA.PV beside FIC101.PIDA.SP
-        bare[bare_tag(BLOCK.sub("", name))] += one.roles["pv"] if one.roles.keys() == {"pv"} else []
+        bare[bare_tag(FORM.block.sub("", name))] += one.roles["pv"] if one.roles.keys() == {"pv"} else []
     for name, one in loops.items():  # FIC101, or FIC101.Value, beside FIC101.SP and FIC101.OP is the measurement
         called = COLUMNS["value"] | (COLUMNS["quantity"] if {"sp", "op"} <= one.roles.keys() else set())
         of_value = [items for signal, items in one.extra.items() if plain(signal) in called]
         names = [name, *(items[0].loop for items in one.roles.values())]  # in the loops file, and in the data
-        values = next(filter(None, (bare.get(bare_tag(BLOCK.sub("", one_name))) for one_name in names)),
+        values = next(filter(None, (bare.get(bare_tag(FORM.block.sub("", one_name))) for one_name in names)),
                       of_value[0] if len(of_value) == 1 else None)
         if one.roles and values and len({item.loop for item in values}) == 1 and "pv" not in asked.get(name, {}):
             one.roles.setdefault("pv", values)
@@ -193,15 +192,12 @@ def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSerie
 
 def _devices(signals: Mapping[str, set[str]]) -> dict[str, str]:
     """What stands for a controller whose signals carry the names of devices (ISA 5.1): FIC101.SP, FT101.PV."""
-    families, known = defaultdict[tuple[str, ...], dict[str, str]](dict), dict[str, str]()
+    families = defaultdict[tuple[str, ...], list[tuple[str, str]]](list)
     for name, roles in signals.items():
-        if found := re.fullmatch(r"(.*\b)?([A-Z])[A-Z]{1,4}([-_ ]?\d+[A-Z]?)", name):
-            families[found.groups("")] |= dict.fromkeys((f"{name} {role}" for role in roles), name)
-    for named in families.values():
-        of_role = {text.rpartition(" ")[2]: name for text, name in named.items()}
-        if {"sp", "pv", "op"} <= of_role.keys() and len(of_role) == len(named):  # each signal once
-            known |= dict.fromkeys(of_role.values(), of_role["sp"])
-    return known
+        if found := FORM.device.fullmatch(name):
+            families[found.groups("")] += [(role, name) for role in roles]
+    once = [of_role for own in families.values() if len(of_role := dict(own)) == len(own)]  # each signal
+    return {name: own["sp"] for own in once if {"sp", "pv", "op"} <= own.keys() for name in own.values()}
 
 
 def explicit_tags(metadata: Metadata) -> tuple[Owners, dict[str, dict[str, str]]]:

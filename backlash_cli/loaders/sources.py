@@ -18,13 +18,8 @@ from ..places import Remote, place
 from ..record import Frozen
 from ..settings import Metadata, parse_table, parse_toml
 from ..toml_text import read_page
-from .names import COLUMNS, explained, plain, signal_role, undated
+from .names import COLUMNS, FORM, explained, plain, signal_role, undated
 from .times import stamp_kind
-
-_FILE = re.compile(r"(?P<stem>.+?)(?P<kind>\.(?:csv|tsv|txt|dat|asc|tab|prn|rpt|lvm|parquet|pq|xls[xmb]?|zip))?"
-                   r"(?:\.(?:gz|zstd?|bz2|xz))?", re.IGNORECASE | re.DOTALL)
-_DAY = re.compile(r"[\d._-]+")
-_PART = re.compile(r"(?:part|data|chunk)[-_.]\d|(?:data|export|trend|history|values)(?:[-_.]\d+)?\.", re.IGNORECASE)
 
 
 class Source(Frozen):
@@ -88,13 +83,13 @@ def told_by(folders: Sequence[str], name: str, alike: Counter[str] | None = None
     after something where the file is called after its signal, day or number alone, or `alike` others and no number."""
     told = [(plain(key), unquote(value)) for key, equals, value in (part.partition("=") for part in folders) if equals]
     loops, tags = ([value for key, value in told if key in COLUMNS[kind]] for kind in ("loop", "tag"))
-    ways, stem = [undated(part) for part in folders if "=" not in part and not _DAY.fullmatch(part)], stem_of(name)
-    of_day = stamp_kind(stem) == "time" or (len(stem) < 3 and bool(_DAY.fullmatch("".join((*folders[-1:], stem)))))
+    ways, stem = [undated(part) for part in folders if "=" not in part and not FORM.day.fullmatch(part)], stem_of(name)
+    of_day = stamp_kind(stem) == "time" or (len(stem) < 3 and bool(FORM.day.fullmatch("".join((*folders[-1:], stem)))))
     stem = ways.pop() if of_day and ways else undated(stem)  # FIC101/2026/03/17.csv
     if ways and len(ways[-1]) == 2 and signal_role(ways[-1]) and not signal_role(stem):  # PV/FIC101.csv
         tags = [f"{stem}.{ways[-1]}"]
     many = alike is not None and alike[stem] > 1 and not re.search(r"\d", stem)
-    if not loops and not tags and (many or _PART.match(f"{stem}.") or signal_role(stem) or of_day):
+    if not loops and not tags and (many or FORM.numbered.match(f"{stem}.") or signal_role(stem) or of_day):
         loops = [*[stem] * (of_day and not signal_role(stem)), *reversed(ways)]
     signal = next(filter(signal_role, tags), stem if loops and signal_role(stem) else "")
     return ".".join([*[one for one in (*loops[:1], *tags) if one != signal][:1], signal]).rstrip(".")
@@ -102,14 +97,13 @@ def told_by(folders: Sequence[str], name: str, alike: Counter[str] | None = None
 
 def is_export(name: str) -> bool:
     """Say whether a file name has the ending of an export and is no sidecar, no readme."""
-    found = _FILE.fullmatch(name)
-    return bool(found and found["kind"]) and not re.search(
-        r"(?:^|\.)(?:loops|truth)\.csv$|^(?:[._]|~\$|read.?me\b|liesmich\b|licen[cs]e\b)", name, re.IGNORECASE)
+    found = FORM.file.fullmatch(name)
+    return bool(found and found["kind"]) and not FORM.no_export.search(name)
 
 
 def stem_of(name: str) -> str:
     """File name without the endings of its format: FIC101.PV.csv.gz -> FIC101.PV."""
-    return found["stem"] if (found := _FILE.fullmatch(name)) else name
+    return found["stem"] if (found := FORM.file.fullmatch(name)) else name
 
 
 def day_of(name: str) -> str:

@@ -10,23 +10,19 @@ from numpy.typing import NDArray
 from ..errors import some
 from ..record import FloatArray, IntArray, Note
 from .cells import Cells
-from .names import WORDS, is_column, noted
-
-_GOOD, _BAD, _DOUBT, _AUTO, _MANUAL, _ONE_IS_BAD, _ONE_IS_MANUAL, _ONE_IS_GOOD = (
-    re.compile("|".join(WORDS["words"][kind].split()), re.IGNORECASE) for kind in (
-        "good", "bad", "doubt", "automatic", "manual", "one_is_bad", "one_is_manual", "one_is_good"))
+from .names import FORM, is_column, noted
 
 
 def quality_words(words: list[str], named: str = "") -> bool:
     """Say whether texts are qualities, and no modes or states. named: the column is called so."""
     plain = [word.strip() for word in words if len(word.strip()) > 1]
-    return bool(plain) and all(_GOOD.fullmatch(word) or _BAD.fullmatch(word) for word in plain) and any(
+    return bool(plain) and all(FORM.good.fullmatch(word) or FORM.bad.fullmatch(word) for word in plain) and any(
         named or re.match(r"good|bad|gut|uncertain|0xc0|i/?o.timeout|comm.fail", word, re.IGNORECASE) for word in plain)
 
 
 def mode_words(words: list[str]) -> bool:
     """Say whether texts are modes of a controller."""
-    return all(_AUTO.fullmatch(word.strip()) or _MANUAL.fullmatch(word.strip()) for word in words) and any(
+    return all(FORM.automatic.fullmatch(word.strip()) or FORM.manual.fullmatch(word.strip()) for word in words) and any(
         re.match("aut|man|cas|hand|[自手][动動]|[자수]동|авт|руч", word.strip(), re.IGNORECASE) for word in words)
 
 
@@ -62,13 +58,13 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
         return _good_numbers(numbers, name, known)
-    if _ONE_IS_BAD.search(name) and all(re.fullmatch(r"\s*(?:true|false)\s*", word, re.IGNORECASE) for word in words):
+    if FORM.one_is_bad.search(name) and {word.strip().lower() for word in words} <= {"true", "false"}:
         return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
-        bool(_GOOD.fullmatch(word.strip())) and not _DOUBT.fullmatch(word)) for word in words]
+        bool(FORM.good.fullmatch(word.strip())) and not FORM.doubt.fullmatch(word)) for word in words]
     # one word of all rows that is not known tells nothing
     told = any(good) or extra or len(words) > 1 or len(cells.lexicon.words) > 1 or codes.min() < 0
-    if not told and not _BAD.fullmatch(words[0].strip()) and not _DOUBT.fullmatch(words[0]):
+    if not told and not FORM.bad.fullmatch(words[0].strip()) and not FORM.doubt.fullmatch(words[0]):
         return np.ones(len(codes), bool), [noted("quality_words:one", word=words[0].strip()[:40])]
     if not any(good):  # only faults are marked: an empty cell is good
         return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]
@@ -83,13 +79,13 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
     seen["usual"] = [*seen.get("usual", ()), float(np.median(known))]
     usual = median_low(seen["usual"])
-    if _ONE_IS_BAD.search(name) and low >= 0.0 and (high <= 1.0 or usual == 0.0):  # or numbers of faults
+    if FORM.one_is_bad.search(name) and low >= 0.0 and (high <= 1.0 or usual == 0.0):  # or numbers of faults
         return values == 0.0, []
     if high >= 1 << 30:  # OPC UA status codes: the two highest bits are the severity
         return values < 1 << 30, []
     if high >= 128:  # 128 to 255, below the bits of OPC HDA
         return values % (1 << 16) // 128 == 1.0, []
-    if high == 100 or (_ONE_IS_GOOD.search(name) and low >= 0.0 and high <= 1.0):
+    if high == 100 or (FORM.one_is_good.search(name) and low >= 0.0 and high <= 1.0):
         return values == (100.0 if high == 100 else 1.0), []
     if low == high:  # multiples of 4 are codes of OPC for what is bad
         good = usual == 0.0 or usual % 4.0 > 0.0
@@ -100,7 +96,7 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
 def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
     0 is manual, 1 to 3 are not; powers of two as in DeltaV, where 8 is manual. name: MAN is 1 in manual."""
-    texts = [text.strip().lower() for text in cells.texts()[1]] if _ONE_IS_MANUAL.fullmatch(name) else ["auto"]
+    texts = [text.strip().lower() for text in cells.texts()[1]] if FORM.one_is_manual.fullmatch(name) else ["auto"]
     if not mode_words(texts):  # MAN may also be what the output is in manual
         flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
         return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
@@ -108,9 +104,9 @@ def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[F
     if numbers is not None:
         return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]
-    auto = [text in extra or bool(_AUTO.fullmatch(text)) for text in texts]
+    auto = [text in extra or bool(FORM.automatic.fullmatch(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
-               if text and not yes and not _MANUAL.fullmatch(text)]
+               if text and not yes and not FORM.manual.fullmatch(text)]
     notes = [noted("mode_words", modes=some(unknown, 4))] if unknown else []
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
     return np.array([*states, np.nan])[codes], notes

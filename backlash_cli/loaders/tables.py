@@ -25,7 +25,7 @@ from ..scratch import Piece, Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, ordered
 from .layouts import LOOP, VALUE, Head, Layout, layout_of, of_tag, signals_of
-from .names import BLOCK, SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
+from .names import FORM, SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import DELIMITERS, ReadOptions
 from .signals import Axis, Series, Store
@@ -38,7 +38,6 @@ FEW = 3  # steps back of the stamps of a file that may be a clock that was set b
 HEAD_ROWS = 4000  # of Parquet that are looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 KEPT, SHOWN = 200, 50  # characters of a line that is dropped, and lines of which they are
-_TO_DIGIT = re.compile(r"^.*\d", re.DOTALL)
 _WORDS = pa.dictionary(pa.int32(), pa.string())
 Batch = dict[int, pa.ChunkedArray]
 
@@ -315,7 +314,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
             piece["group"] = _numbered(batch, layout.naming, head, keys)
         raw.add(piece)
     # of words that are the same behind their last digit, as numbers with a unit are, one is looked at
-    told = {_TO_DIGIT.sub("", word): word for own in words.values() for word in own}.values()
+    told = {FORM.to_digit.sub("", word): word for own in words.values() for word in own}.values()
     table.named_again |= any(score_names([word]) > 0 and not mode_words([word]) for word in told)
     table.notes += [noted("named_above", column=head.names[i]) for i in above]
     clocks = [reader.finish() for reader in readers]
@@ -358,7 +357,7 @@ def _tags(keys: Collection[str], of_loop: bool) -> list[str]:
     where these name a block, or a signal only. of_loop: so does one that names the loop."""
     cells = [key.split("\0") for key in keys]
     tags = [split_tag(own[-1]) for own in cells]
-    least = 1 + (of_loop or any(BLOCK.fullmatch(f".{t.loop}") or (t.role in SIGNALS and not t.loop) for t in tags))
+    least = 1 + (of_loop or any(FORM.block.fullmatch(f".{t.loop}") or (t.role in SIGNALS and not t.loop) for t in tags))
     while cells and len(cells[0]) > least and len({(*own[1:],) for own in cells}) == len(cells):
         cells = [own[1:] for own in cells]
     for own, tag in zip(cells, tags, strict=True):  # pid_sp of a loop is its SP

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..record import NAT, FloatArray, IntArray, Note
 from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
 from .grid import DAY, HOUR, LIKELY, SECOND
-from .names import COLUMNS, WORDS, explained, noted, plain
+from .names import COLUMNS, FORM, WORDS, explained, noted, plain
 from .options import ReadOptions
 
 LETTER = r"[^\x00-@\[-`{-\x7f]"  # also of other alphabets; \pL takes forty times as long to compile
@@ -26,7 +26,6 @@ _REWRITTEN = [(written.replace("LETTER", LETTER), usual) for written, usual in W
 _NO_DATE: str = WORDS["stamps"]["no_date"]
 MONTH = {word: int(number) for number, words in WORDS["months"].items() for word in words.split()}
 ZONES: dict[str, int] = WORDS["zones"]
-_ZONE = re.compile(r"(?:UTC|GMT)\s?([+-][01]?\d(?::?\d{2})?)|\b([A-Z]{3,4})[)\]]?$")  # in the name of a column
 DATES, OF_DAY = (("year", "month", "day"), ("year", "dayofyear")), ("hours", "minutes", "seconds", "millis")
 DATE, _DIGITS = tuple(dict.fromkeys(sum(DATES, ()))), {"hhmm": 100, "hhmmss": 1}
 _DAY_NUMBERS = 1e5  # days since 1900 are below, dates written as YYMMDD or YYYYMMDD from there on
@@ -34,8 +33,6 @@ LIMIT = 4_000_000_000_000_000_000  # differences of two stamps still fit into 64
 _OPEN, _SHIFT = NAT + 1, 38  # from _OPEN on, below -LIMIT: the numbers of an open date above so many bits of its clock
 _FIRST_YEAR, _YEARS = 1800, 500  # of dates that may be open; with an offset they are packed so many years later
 _ZONED = 92_000_000 * DAY  # added to a stamp with an offset beside which others may have none; above LIMIT
-DOTTED = re.compile(r"^\s*(\d\d?)\.(\d\d)\.(\d\d)\s*$")  # 07.30.00 beside a date
-_REGION = re.compile(r"[\s\[(]([A-Za-z]+/[A-Za-z_/]+)[\])]?\s*$")  # 2026-03-17 08:00:00 Europe/Berlin
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
@@ -69,10 +66,6 @@ def stamp_kind(text: str) -> str:
     return "clock" if clock else "time" if known or re.match(_COMPACT, text) else ""
 
 
-def _is_open(micros: IntArray) -> NDArray[np.bool_]:
-    return (micros < -LIMIT) & (micros != NAT)
-
-
 def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     """Return (microseconds since 1970, NAT or open, has an offset) of the parts of dates and times of day."""
     hour, minute, second = (_looked_up(fields.field(name), lambda text: int(text or 0)) for name in ("h", "mi", "s"))
@@ -96,10 +89,12 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     return np.where(bad, NAT, np.where(unclear, packed, (days + clock.astype("m8[us]")).astype(np.int64))), zoned
 
 
-def _unpacked(stamps: IntArray) -> tuple[IntArray, IntArray, NDArray[np.bool_]]:
-    """(number of the date, time of day, has an offset) of open stamps."""
-    zoned, numbers = np.divmod((stamps - _OPEN) >> _SHIFT, _YEARS * 10_000)
-    return numbers, ((stamps - _OPEN) & ((1 << _SHIFT) - 1)) - DAY, zoned > 0
+def _open_dates(micros: IntArray) -> tuple[IntArray, IntArray, IntArray, NDArray[np.bool_]]:
+    """(which stamps have an open date, the number of the date, time of day, has an offset)"""
+    is_open = np.flatnonzero((micros < -LIMIT) & (micros != NAT))
+    packed = micros[is_open] - _OPEN
+    zoned, numbers = np.divmod(packed >> _SHIFT, _YEARS * 10_000)
+    return is_open, numbers, (packed & ((1 << _SHIFT) - 1)) - DAY, zoned > 0
 
 
 def _looked_up(texts: pa.Array, value: Callable[[str], int]) -> IntArray:
@@ -118,7 +113,7 @@ def _whole_or_month(text: str) -> int:
 @lru_cache(64)
 def _region(text: str) -> ZoneInfo | None:
     """The zone of a region that is named at the end of a text."""
-    found = _REGION.search(text)
+    found = FORM.region.search(text)
     return next((ZoneInfo(z) for z in available_timezones() if z.lower() == found[1].lower()), None) if found else None
 
 
@@ -170,12 +165,11 @@ class StampReader:
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._skipped = 0  # rows in the hour that occurs twice, and in an hour that no clock shows
         self._back = 0  # steps back since they came to lie in the first of them
-        found = _ZONE.search(self.name)  # of stamps without an offset
+        found = FORM.zone.search(self.name)  # of stamps without an offset
         east = _minutes_east(found[1] or found[2]) if found else NAT
         named = timezone(timedelta(minutes=east)) if east != NAT else None
         self._zone = ZoneInfo(options.timezone) if options.timezone else named or _region(self.name)
-        self._last: int | None = None  # stamp of the last row, and whether it lay in such an hour
-        self._within = False
+        self._last, self._within = -LIMIT, False  # stamp of the last row, and whether it lay in such an hour
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Return the stamps of the next rows, to be given to what `finish` returns."""
@@ -231,7 +225,7 @@ class StampReader:
                 clock += np.rint(values * _UNITS[unit][0] / 1000) * 1000
             elif not unit:
                 codes, words = codes_and_words(column.cast(pa.string()))
-                micros, zoned, _ = read_dates([DOTTED.sub(r"\1:\2:\3", word) for word in words])
+                micros, zoned, _ = read_dates([FORM.dotted.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
                 self._zones = {True} if zoned.any() else self._zones
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
@@ -263,10 +257,9 @@ class StampReader:
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:
-            zoned = stamps > LIMIT
-            stamps, is_open = np.where(zoned, stamps - _ZONED, stamps), _is_open(stamps)
-            if is_open.any():
-                numbers, clock, zoned[is_open] = _unpacked(stamps[is_open])
+            zoned, (is_open, numbers, clock, own) = stamps > LIMIT, _open_dates(stamps)
+            stamps, zoned[is_open] = np.where(zoned, stamps - _ZONED, stamps), own
+            if len(is_open):
                 stamps[is_open] = (days_of(*_readings(numbers)[order]) + clock.astype("m8[us]")).astype(np.int64)
             return stamps if zone is None else np.where(zoned, stamps, self._utc(np.where(zoned, NAT, stamps), zone))
 
@@ -293,7 +286,7 @@ class StampReader:
         self._skipped += int(np.count_nonzero(first.tz_localize(None) != walls))
         first, second = local - near + first.asi8, local - near + second.asi8
         doubled = first != second
-        back = np.diff(local, prepend=local[0] if self._last is None else self._last) < -HOUR // 2
+        back = np.diff(local, prepend=self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)
         begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
         since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
@@ -341,9 +334,8 @@ class StampReader:
             if 2 * np.isfinite(values).sum() > len(values) and self._unit != "digits":
                 self.name += f" ({units[0]})" * bool(units[0])  # 0 sec, as MATLAB writes durations
                 return self._numbers(np.append(values, np.nan)[codes])
-        is_open = np.flatnonzero(_is_open(micros))
+        is_open, numbers, clocks, _ = _open_dates(micros)
         self._shown_open = self._shown_open or (words[is_open[0]].strip() if len(is_open) else "")
-        numbers, clocks, _ = _unpacked(micros[is_open])
         for day in dict.fromkeys(numbers.tolist()):  # in the order in which they stand in the file
             own = clocks[numbers == day]
             seen = self._open.setdefault(day, [int(own[0]), 0, 0])
@@ -443,9 +435,9 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
         days = np.any([(known >= low) & (known < high) for low, high in WORDS["stamps"]["dates"]], axis=0)
         repeated = np.count_nonzero(np.diff(known) == 0) > 0.5 * len(known)  # many rows a day
         return bool(len(known) and np.all(days & (known % 1 == 0)) and (repeated or known[0] >= 1.9e7))
-    stamps = StampReader([name], options, where).take([column])
-    stamps = stamps[stamps != NAT]
-    return not np.any(np.where(_is_open(stamps), _unpacked(stamps)[1], stamps) % DAY)
+    stamps = np.array(StampReader([name], options, where).take([column]))
+    is_open, _, stamps[is_open], _ = _open_dates(stamps)
+    return not np.any(stamps[stamps != NAT] % DAY)
 
 
 def unit_of(known: FloatArray, name: str) -> str:
