@@ -33,3 +33,9 @@ def test_no_sentence_is_left_that_nobody_says(kind):
 def test_errors_say_how_they_are_mended():
     errors = names.WORDS["errors"] | words.WORDS["errors"]
     assert [name for name, (what, remedy, *_) in errors.items() if not what or not remedy] == []
+
+
+def test_every_expression_is_used_and_none_is_missing():
+    used = {node.attr for tree in CODE for node in ast.walk(tree)
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "FORM"}
+    assert len(used) > 30 and used == vars(names.FORM).keys()
