@@ -153,21 +153,28 @@ def test_reading_a_result_as_json_needs_no_pandas():
     assert "pandas" not in loaded_by("from backlash_cli import to_json, ScanResult; to_json(ScanResult(()))")
 
 
-@pytest.mark.parametrize("ending", ["parquet", "csv"])
-def test_a_scan_of_numbers_and_stamps_starts_without_pandas(tmp_path, ending):
-    """It takes as long to load as fifty loops to analyse, in each process; compiled loops serve PV against OP."""
+def test_a_scan_of_numbers_and_stamps_starts_without_pandas(tmp_path):
+    """It takes as long to load as fifty loops to analyse, in each process; compiled loops serve PV against OP.
+
+    One process scans both kinds of files, first without the confirmation: what is loaded only grows.
+    """
     rows = 600
     stamps = np.datetime64("2026-03-17T00:00:00", "ms") + 1000 * np.arange(rows)
     noise = np.random.default_rng(0).normal(50.0, 1.0, rows)
     table = pa.table({"time": stamps, "FIC101.SP": np.full(rows, 50.0), "FIC101.PV": noise, "FIC101.OP": 100.0 - noise})
-    path = tmp_path / f"plant.{ending}"
-    (pa_parquet.write_table if ending == "parquet" else pa_csv.write_csv)(table, path)
+    pa_parquet.write_table(table, tmp_path / "plant.parquet")
+    pa_csv.write_csv(table, tmp_path / "plant.csv")
     (tmp_path / "loops.toml").write_text("[defaults]\nK = 0.8\nTi = 5.0\npv_range = [0, 100]\nop_range = [0, 100]\n")
-    for confirm, compiled in ((True, True), (False, False)):
-        options = f"options=b.ScanOptions(confirm={confirm})"
-        loaded = loaded_by(f"import backlash_cli as b; print(b.scan_files({str(path)!r}, {options}).loops[0].samples)")
-        assert "600" in loaded and "scipy.signal" in loaded
-        assert "pandas" not in loaded and ("numba" in loaded) is compiled
+    loaded = loaded_by("import backlash_cli as b\n"
+                       "for confirm in (False, True):\n"
+                       "    for ending in ('parquet', 'csv'):\n"
+                       f"        path = {str(tmp_path)!r} + '/plant.' + ending\n"
+                       "        found = b.scan_files(path, options=b.ScanOptions(confirm=confirm))\n"
+                       "        loaded = {'pandas', 'numba', 'scipy.signal'} & {*sys.modules}\n"
+                       "        print(f'{ending}:{found.loops[0].samples}', *(f'{confirm}:{x}' for x in loaded))")
+    assert {"csv:600", "parquet:600"} <= loaded and "pandas" not in loaded
+    assert {word for word in loaded if word.startswith(("False:", "True:"))} == {
+        "False:scipy.signal", "True:scipy.signal", "True:numba"}
 
 
 def test_public_names_exist_and_stay_what_they_are():

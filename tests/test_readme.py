@@ -11,6 +11,7 @@ import pytest
 from tests.commands.run import run
 from tests.readme_blocks import README, ROOT, backlash_lines, blocks, output, same, shown
 
+pytestmark = pytest.mark.usefixtures("analysed_once")
 LINES = [line for block in blocks("sh") for line in backlash_lines(block)]
 
 

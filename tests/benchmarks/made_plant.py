@@ -80,18 +80,28 @@ def write_long(path: Path, loops: int, days: float, kinds: int = 3) -> Path:
 
 
 def write_rough(path: Path, days: float) -> Path:
-    """Write one loop as plants really export it: words and blanks among numbers, modes, missing rows; no settings."""
-    start = np.datetime64("2026-03-17T00:00:00", "s")
-    random, texts = np.random.default_rng(7), [np.char.mod("%.4f", x) for x in signals(1)]
+    """Write one loop as plants really export it: words and blanks among numbers, modes, missing rows; no settings.
+
+    Three days are made, then the same come again with later dates: making them takes longer than a scan.
+    """
+    first = np.datetime64("2026-03-17", "D")
+    made = [rough_day(first, seed) for seed in range(3)]
     with path.open("w", encoding="utf-8") as file:
         file.write("time,FIC1.SP,FIC1.PV,FIC1.OP,FIC1.MODE\n")
         for day in range(int(days)):
-            at = np.flatnonzero(random.random(DAY) > 0.001)
-            sp, pv, op = (text[at] for text in texts)
-            pv[random.random(len(at)) < 0.001] = "Bad"
-            op[random.random(len(at)) < 0.001] = ""
-            mode = np.where((at // 3600) % 12 == 5, "MAN", "AUTO")
-            stamps = np.datetime_as_string(start + day * DAY + at)
-            rows = zip(stamps.tolist(), sp.tolist(), pv.tolist(), op.tolist(), mode.tolist(), strict=True)
-            file.writelines(",".join(row) + "\n" for row in rows)
+            file.write(made[day % 3].replace(f"{first}T", f"{first + day}T"))
     return path
+
+
+@cache
+def rough_day(date: np.datetime64, seed: int) -> str:
+    """The rows of one day of a rough export."""
+    random = np.random.default_rng([7, seed])
+    at = np.flatnonzero(random.random(DAY) > 0.001)
+    sp, pv, op = (np.char.mod("%.4f", x[at]) for x in signals(1))
+    pv[random.random(len(at)) < 0.001] = "Bad"
+    op[random.random(len(at)) < 0.001] = ""
+    mode = np.where((at // 3600) % 12 == 5, "MAN", "AUTO")
+    stamps = np.datetime_as_string(date.astype("datetime64[s]") + at)
+    rows = zip(stamps.tolist(), sp.tolist(), pv.tolist(), op.tolist(), mode.tolist(), strict=True)
+    return "".join(",".join(row) + "\n" for row in rows)

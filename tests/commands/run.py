@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from backlash_cli.__main__ import _guarded
+from backlash_cli import __main__ as command_line
 
 COMMAND = [sys.executable, "-m", "backlash_cli"]
 
@@ -23,9 +23,14 @@ class Done:
 
 
 def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> Done:
-    """Run in this process; `capfd` catches both streams."""
+    """Run in this process; `capfd` catches both streams.
+
+    Stops are not listened for: each time would leave a waiting thread and two open pipes in the tests' own process.
+    """
     capfd.readouterr()
-    status = _guarded([str(a) for a in arguments])
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(command_line, "_hear_stops", lambda: None)
+        status = command_line._guarded([str(a) for a in arguments])
     out, err = capfd.readouterr()
     assert "Traceback" not in out + err
     return Done(status, out, err)

@@ -12,13 +12,23 @@ import pandas as pd
 import pytest
 
 from backlash_cli.__main__ import _guarded
+from backlash_cli.history import plant as plant_history
 from backlash_cli.history.store import History
 from tests.commands.run import COMMAND, files, run
 from tests.history.nights import growing, made, result
+from tests.remembered import remembered
 from tests.small_plant import TRUTH, write_plant
 
 DAY = np.timedelta64(1, "D")
 QUICK = ("--jobs", 1, "--no-confirm")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def wear_once():
+    """The wear of the same nights, repairs and limit is worked out once, however many commands show it."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(plant_history, "wear", remembered(plant_history.wear))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import pytest
 from tests.benchmarks.strange_plant import control_loop
 from tests.commands.run import run
 
+pytestmark = pytest.mark.usefixtures("analysed_once")
 PERCENT = np.linspace(0, 100, 1001)
 WORDS = ("AUTO", "MAN")
 STEPS = (0, 3, 6, 3, 0, 3, 6)

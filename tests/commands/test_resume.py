@@ -15,6 +15,7 @@ from tests.commands.run import COMMAND, run
 from tests.loaders.test_partitions import single, write
 from tests.small_plant import TRUTH, write_plant
 
+pytestmark = pytest.mark.usefixtures("analysed_once")
 LOOPS = [f"{name}-{k}" for k in range(4) for name in sorted(TRUTH)]
 
 

@@ -13,6 +13,7 @@ from tests.commands.run import files, run
 from tests.reporter.reports import HOSTILE, report
 from tests.small_plant import TRUTH, write_plant
 
+pytestmark = pytest.mark.usefixtures("analysed_once")
 ROWS = "".join(f"2026-03-01 00:00:{s:02},1.0,{s}.5\n" for s in range(50))
 
 

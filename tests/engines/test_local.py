@@ -28,6 +28,12 @@ def plant():
     return [replace(r, loop=f"{r.loop}-{k}") for k in range(2) for r in records(hours=0.5)]
 
 
+@pytest.fixture(scope="module")
+def alone(plant):
+    """The reports of one process."""
+    return list(analyse(plant, jobs=1))
+
+
 def test_number_of_processes_follows_the_work():
     small, large = records()[:1] * 8, [record_from_arrays(0.0, [0.0], interval=1.0)] * 8
     assert processes(small) == 1 and processes([]) == 1
@@ -52,8 +58,7 @@ def left(others):
     return found
 
 
-def test_reports_are_the_same_in_processes(plant):
-    alone = list(analyse(plant, jobs=1))
+def test_reports_are_the_same_in_processes(plant, alone):
     assert [r.loop for r in alone] == [r.loop for r in plant]
     others = set(multiprocessing.active_children())
     assert list(analyse(plant, jobs=2)) == alone
@@ -77,7 +82,7 @@ def test_a_dead_process_costs_only_its_loop(plant):
     assert all(r.verdict is not Verdict.ERROR for r in found[:1] + found[2:])
 
 
-def test_a_pool_that_closes_while_a_process_of_it_begins_costs_no_loop(plant, monkeypatch):
+def test_a_pool_that_closes_while_a_process_of_it_begins_costs_no_loop(plant, alone, monkeypatch):
     calls = []
 
     class Closing(local.ProcessPoolExecutor):
@@ -88,7 +93,7 @@ def test_a_pool_that_closes_while_a_process_of_it_begins_costs_no_loop(plant, mo
             return super().submit(*args)
 
     monkeypatch.setattr(local, "ProcessPoolExecutor", Closing)
-    assert list(analyse(plant, jobs=2)) == list(analyse(plant, jobs=1)) and len(calls) > len(plant)
+    assert list(analyse(plant, jobs=2)) == alone and len(calls) > len(plant)
 
 
 def test_stopping_in_the_middle_leaves_no_process(plant):
@@ -99,8 +104,8 @@ def test_stopping_in_the_middle_leaves_no_process(plant):
     assert not left(others)
 
 
-SCRIPT = """from backlash_cli import read, scan
-result = scan(read({path!r}), {options})
+SCRIPT = """from backlash_cli import ScanOptions, read, scan
+result = scan(read({path!r}), ScanOptions(confirm=False), {options})
 print(*(report.loop for report in result.loops))
 """
 

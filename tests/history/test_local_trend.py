@@ -1,5 +1,7 @@
 """The local trend against closed forms and brute force, and wear of four kinds that is followed as it is told."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from statsmodels.tsa.statespace.structural import UnobservedComponents
@@ -8,7 +10,10 @@ from backlash_cli.history.local_trend import LINE, Fit, Nights, Way, _quantiles,
 from backlash_cli.history.trend import wear
 from backlash_cli.results import Verdict
 from backlash_cli.results.history import Limit
-from tests.benchmarks.wear import BENDING, KINDS, judged, made, repairs, scored, sixty_nights
+from tests.benchmarks import wear as benchmark
+from tests.benchmarks.wear import BENDING, KINDS, judged, made, repairs, scored
+
+sixty_nights = cache(benchmark.sixty_nights)  # several tests look at the same ones
 
 
 def measured(days, size, error):

@@ -65,17 +65,27 @@ def wide(
     """A wide export; every part of its spelling can be changed."""
     lines = [delimiter.join([time_name, *map(name, SIGNALS)]) + tail]
     lines += between.splitlines()
-    for i, stamp in enumerate(STAMPS):
-        lines.append(delimiter.join([time(stamp), *(value(tag, v[i]) for tag, v in SIGNALS.items())]) + tail)
+    rows = rows_of(value, delimiter)
+    lines += [f"{time(stamp)}{delimiter}{row}{tail}" for stamp, row in zip(STAMPS, rows, strict=True)]
     return before + line_end.join(lines) + line_end
+
+
+@cache
+def rows_of(value: Callable[[str, float], str], delimiter: str) -> list[str]:
+    """The values of each time, joined; made once, for hundreds of exports hold them in the same spelling."""
+    return [delimiter.join(value(tag, v[i]) for tag, v in SIGNALS.items()) for i in range(ROWS)]
 
 
 def long(row: Callable[[str, datetime, str], str], header: str, before: str = "", by_tag: bool = False) -> str:
     """A long export: one line per sample, by time or tag after tag."""
-    cells = [(tag, stamp, cell(tag, v[i])) for i, stamp in enumerate(STAMPS) for tag, v in SIGNALS.items()]
-    if by_tag:
-        cells.sort(key=lambda c: c[0])
-    return before + "\n".join([header, *(row(*c) for c in cells)]) + "\n"
+    return before + "\n".join([header, *(row(*sample) for sample in samples(by_tag))]) + "\n"
+
+
+@cache
+def samples(by_tag: bool) -> list[tuple[str, datetime, str]]:
+    """Tag, time and value of every sample, by time or tag after tag."""
+    found = [(tag, stamp, cell(tag, v[i])) for i, stamp in enumerate(STAMPS) for tag, v in SIGNALS.items()]
+    return sorted(found, key=lambda sample: sample[0]) if by_tag else found
 
 
 @dataclass(frozen=True)

@@ -44,24 +44,18 @@ def settings_beside(path, settings, extra: str = "", sign: float = 1.0) -> None:
     (path.parent / f"{path.stem}.loops.toml").write_text(text)
 
 
-def test_time_stamps_that_jitter(case, tmp_path):
-    record = case.record
-    path = tmp_path / "V1.csv"
-    settings_beside(path, record.settings)
-    jitter = np.random.default_rng(1).uniform(-0.25, 0.25, len(record)) * record.interval
-    held(explain(as_csv(record, path, record.time - record.time[0] + jitter)), case)
-
-
 def test_op_recorded_in_steps_of_half_a_percent(case):
     coarse = np.round(case.record.output / 0.005) * 0.005
     held(explain(replace(case.record, output=coarse)), case)
 
 
-def test_engineering_units_and_a_negative_gain(case, tmp_path):
+def test_engineering_units_a_negative_gain_and_time_stamps_that_jitter(case, tmp_path):
     record = case.record
     path = tmp_path / "V2.csv"
     settings_beside(path, record.settings, "pv_range = [0, 400]\nop_range = [0, 100]\n", sign=-1.0)
-    held(explain(as_csv(record, path, record.time, pv=lambda v: 400.0 * (1.0 - v), op=lambda v: 100.0 * v)), case)
+    jitter = np.random.default_rng(1).uniform(-0.25, 0.25, len(record)) * record.interval
+    held(explain(as_csv(record, path, record.time - record.time[0] + jitter, pv=lambda v: 400.0 * (1.0 - v),
+                        op=lambda v: 100.0 * v)), case)
 
 
 def test_gaps_bad_samples_manual_stretches_and_no_settings(case):
