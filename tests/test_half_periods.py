@@ -106,7 +106,7 @@ def records(draw):
 
 
 @given(records())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=400, deadline=None)
 def test_any_cut_gives_what_a_walk_over_the_samples_gives(record):
     e, sp, index, cuts = record
     found = run(e, sp, index, cuts)

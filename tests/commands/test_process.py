@@ -87,11 +87,11 @@ def test_processes_load_what_the_first_one_has_loaded(plant, tmp_path):
     (tmp_path / "backlash_cli").mkdir()
     for name in ("backlash_cli/__init__.py", "pandas.py"):
         (tmp_path / name).write_text("raise SystemExit('loaded from the folder one works in')")
-    code = (f"import sys; sys.path.remove(''); sys.argv[1:] = {['scan', str(plant), '--no-confirm', '--jobs', '2']}; "
+    code = (f"import sys; sys.path.remove(''); sys.argv[1:] = {['scan', str(plant), '--jobs', '2']}; "
             "from backlash_cli.__main__ import main; main()")
     ended = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert "3 loops: 2 suspected, 1 cannot tell" in ended.stdout
+    assert "3 loops: 2 backlash" in ended.stdout
 
 
 def test_processes_begin_where_no_socket_can_be_made(plant, tmp_path):

@@ -43,7 +43,7 @@ FORMS = {
 WORDS = ["", " ", "Bad", "I/O Timeout", "nan", "inf", "1,5", "AUTO", "MAN", "1e-3", "+2.5", "12 m3/h", '"3.5"', "-0.0"]
 RANGES = "pv_range = [0, 1]\nop_range = [0, 1]\n"
 SETTINGS = "K = 1.1\nTi = 12.0\n"
-quick = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+quick = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def read_in(path, options=None, room=0, block=3001, head=400):

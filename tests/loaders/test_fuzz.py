@@ -18,7 +18,7 @@ from tests.benchmarks.fuzz_readers import TOKENS, broken_promise, mutate, seeds
 
 from .exports import SETTINGS, arrow, iso, long, wide
 
-quick = settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+quick = settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 SEEDS = seeds()
 
 
