@@ -178,9 +178,8 @@ def guess_encoding(head: bytes, path: Path | Remote, options: ReadOptions) -> st
         return codecs.lookup(options.encoding).name
     sample = re.sub(rb"\0{16,}", b"", head[:SAMPLE]) or b"\0\0"  # what was never written is told later
     even, odd = sample[0::2].count(0), sample[1::2].count(0)
-    for encoding, many, few in (("utf-16-le", odd, even), ("utf-16-be", even, odd)):
-        if many > 0.2 * len(sample) and few < many / 8:
-            return encoding
+    if max(even, odd) > max(0.2 * len(sample), 8 * min(even, odd)):
+        return "utf-16-le" if odd > even else "utf-16-be"
     if len(sample.translate(None, bytes({9, 10, 11, 12, 13, 26, 27, *range(32, 256)}))) > 0.02 * len(sample):
         raise InputError(**explained("binary"), where=str(path))
     return "utf-8"

@@ -25,7 +25,7 @@ from ..scratch import Piece, Room
 from .cells import BLANK, Cells, Lexicon, codes_and_words, decimal_sign, is_number, is_text, stored
 from .grid import CLOCK_CODES, ordered
 from .layouts import LOOP, VALUE, Head, Layout, layout_of, of_tag, signals_of
-from .names import FORM, SIGNALS, explained, in_labels, noted, signal_role, split_tag, undated
+from .names import FORM, SIGNALS, explained, in_labels, is_column, noted, signal_role, span_of, split_tag, undated
 from .opening import WORKBOOKS, Text, head_of, kind, kind_of, members, score_names, sheets, split_line, tables_below
 from .options import DELIMITERS, ReadOptions
 from .signals import Axis, Series, Store
@@ -391,6 +391,9 @@ def _by_tag(axis: Axis, store: Store, tags: list[str], blank: set[int], head: He
             for i in (i for i in layout.values if not tall or i not in unread):
                 name = f"{tag}.{head.names[i]}" if tall else f"{head.stem}.{tag}" if signal_role(tag) else tag
                 one, role = of_tag(head, layout, name, i), "mode" if i in modes else signal_role(head.names[i])
+                units = [unit for mark, called in one.marks.items() if is_column(called, "units")  # as behind a name
+                         for unit in own.part(slice(0, 1)).cells(f"v{mark}").texts()[1] if span_of(unit, one.role)]
+                one = replace(one, tag=f"{one.tag} [{units[0]}]") if units else one
                 found += [replace(replace(one, loop=tag, signal=head.names[i], role=role) if tall else one, axis=own)]
     return found
 

@@ -252,8 +252,7 @@ class StampReader:
         zone = self._zone if False in self._zones else None
         if (asked := self.options.timezone) and False not in self._zones:
             self.notes.append(noted("timezone_unused", zone=asked))
-        if zone and True in self._zones:
-            self.notes.append(noted("mixed_zones", others=f"are read in {zone}"))
+        self.notes += [noted("mixed_zones", others=f"are read in {zone}")] * (bool(zone) and True in self._zones)
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 
         def resolved(stamps: IntArray) -> IntArray:
@@ -340,8 +339,7 @@ class StampReader:
             own = clocks[numbers == day]
             seen = self._open.setdefault(day, [int(own[0]), 0, 0])
             seen[1:] = int(own[-1]), seen[2] + len(own)
-        marked = np.where(zoned & (micros > -LIMIT), micros + _ZONED, micros)
-        return np.append(self._seen(marked, zoned), NAT)[codes]
+        return np.append(self._seen(micros, zoned) + _ZONED * (zoned & (micros > -LIMIT)), NAT)[codes]
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""

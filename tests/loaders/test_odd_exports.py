@@ -547,6 +547,18 @@ def test_lines_above_tell_the_unit_or_the_range_of_an_output(tmp_path, above, fa
     np.testing.assert_allclose(record.output * 100.0, SIGNALS["FIC101.OP"], atol=0.06)
 
 
+def test_a_column_of_units_tells_the_span_of_an_output(tmp_path):
+    def row(tag, stamp, value):
+        is_op = tag.endswith("OP")
+        return f"{tag},{iso(stamp)},{4.0 + 0.16 * float(value) if is_op else value},{'mA' if is_op else 'bar'}"
+
+    path = save(tmp_path, long(row, "tag,time,value,Units"))
+    (tmp_path / "loops.toml").unlink()
+    record = read(path)["FIC101"]
+    assert record.settings.op_range == (4.0, 20.0) and record.settings.pv_range != (0.2, 1.0)
+    np.testing.assert_allclose(record.output * 100.0, SIGNALS["FIC101.OP"], atol=1e-6)
+
+
 def test_names_of_devices_make_one_loop_where_each_signal_stands_once(tmp_path):
     devices = {"FIC101.PV": "FT101.PV", "FIC101.OP": "FV101.OP"}
     plant = read(save(tmp_path, wide(name=lambda n: devices.get(n, n))))
