@@ -7,6 +7,7 @@ import sys
 import threading
 import time
 from dataclasses import replace
+from importlib.util import find_spec
 
 import numpy as np
 import pyarrow.csv
@@ -30,7 +31,8 @@ from tests.loaders.test_more_layouts import MORE
 from tests.loaders.test_partitions import single, write
 from tests.small_plant import TRUTH, write_plant
 
-pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None,  # which takes seconds to load, in each worker
+                                reason="dask is not installed: pip install 'backlash[dask]'")
 QUICK = ScanOptions(confirm=False)
 LOOPS = [f"{name}-{k}" for k in range(8) for name in sorted(TRUTH)]
 

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 from dataclasses import replace
+from importlib.util import find_spec
 
 import pytest
 
@@ -13,7 +14,8 @@ from backlash_cli.engines.local import answers
 from tests.commands.run import files, run
 from tests.small_plant import records, write_plant
 
-pytest.importorskip("distributed", reason="dask is not installed: pip install 'backlash[dask]'")
+pytestmark = pytest.mark.skipif(find_spec("distributed") is None,  # which takes seconds to load, in each worker
+                                reason="dask is not installed: pip install 'backlash[dask]'")
 
 
 @pytest.fixture(scope="module")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import re
 from datetime import timedelta
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,7 @@ def single(loop, rows=range(ROWS)):
     return "Time,OP,PV,SP\n" + "".join(f"{iso(STAMPS[i])},{row(loop, i)}\n" for i in rows)
 
 
+@cache
 def day_sheets(loop):
     """A workbook with a sheet for each day."""
     held = io.BytesIO()
