@@ -158,10 +158,11 @@ def test_pages_open_without_errors_and_the_buttons_work(tmp_path):
 
 
 def test_a_still_picture_is_written_whole_as_png_or_svg(tmp_path):
-    for found in (explanation(), nothing(), comparison(), comparison(model=None)):
-        for suffix in (".png", ".svg"):
-            write_picture(found, tmp_path / f"x{suffix}")
-            assert 5_000 < (tmp_path / f"x{suffix}").stat().st_size < 500_000
+    drawn = [(explanation(), ".png"), (nothing(), ".svg"), (comparison(), ".png"), (comparison(), ".svg"),
+             (comparison(model=None), ".png")]
+    for found, suffix in drawn:  # what is drawn does not depend on the form, and the explanation comes as .svg below
+        write_picture(found, tmp_path / f"x{suffix}")
+        assert 5_000 < (tmp_path / f"x{suffix}").stat().st_size < 500_000
     with rc_context({"svg.fonttype": "none"}):
         write_picture(explanation(), tmp_path / "x.svg")
     assert "Missing in the plain model: " in (tmp_path / "x.svg").read_text()
