@@ -139,10 +139,9 @@ class Head(Frozen):
 
 def span_above(column: int, role: str, before: Mapping[int, list[str]]) -> str:
     """The range that lines above a column tell, as [0..60] behind its name: Low and High; 4-20; mA; else nothing."""
-    cells = {plain(row[0]): row[column].strip() for row in before.values() if len(row) > column}
+    cells = {plain(row[0]): row[column].strip() for row in before.values() if len(row) > column and role in SIGNALS}
     low, high = (next((cell for name, cell in cells.items() if name in COLUMNS[end]), "") for end in ("low", "high"))
-    told = [told for told in (f"{low}..{high}", *cells.values()) if role in SIGNALS and span_of(told, role)]
-    return f" [{told[0]}]" if told else ""
+    return next((f" [{told}]" for told in (f"{low}..{high}", *cells.values()) if span_of(told, role)), "")
 
 
 class Layout(Frozen):

@@ -200,6 +200,7 @@ class StampReader:
 
     def _joined(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
         """Stamps of columns that hold the date, or its year, month and day, and the time of day, or parts of it."""
+        before = {*self._zones}
         numbers = [np.where(np.abs(values := stored(column, {})[0]) < LIMIT, values, np.nan) for column in columns]
         if "hhmm" in self.units and (numbers[self.units.index("hhmm")] >= 2400).any():
             if self._zones:
@@ -227,7 +228,7 @@ class StampReader:
                 codes, words = codes_and_words(column.cast(pa.string()))
                 micros, zoned, _ = read_dates([FORM.dotted.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
-                self._zones = {True} if zoned.any() else self._zones
+                self._zones = before | {*zoned[micros != NAT].tolist()}  # a date has none: its time of day tells
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
         known = (stamps != NAT) & (np.abs(clock) <= DAY)
         return np.where(known, stamps + np.where(known, clock, 0.0).astype(np.int64), NAT)

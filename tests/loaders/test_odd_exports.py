@@ -609,6 +609,13 @@ def test_the_offset_of_a_stamp_holds_whatever_zone_is_named(tmp_path):
     equals_the_recording(again)
 
 
+@pytest.mark.parametrize(("zones", "said"), [(("+01:00", "+01:00"), False), (("+01:00", ""), True), (("", ""), False)])
+def test_an_offset_behind_the_time_of_day_is_told_from_none(tmp_path, zones, said):
+    rows = (f"{t:%Y-%m-%d},{t:%H:%M:%S}{zones[k % 2]},450,{450 + k % 7},40" for k, t in enumerate(STAMPS))
+    record = read(save(tmp_path, "date,time,FIC101.SP,FIC101.PV,FIC101.OP\n" + "\n".join(rows)))["FIC101"]
+    assert ("mixed_zones" in codes(record.notes)) is said
+
+
 def test_zero_bytes_that_were_never_written_are_told_and_the_rest_is_read(tmp_path):
     whole = wide().encode()
     middle, size = len(whole) // 2, len(whole)
