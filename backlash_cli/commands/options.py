@@ -109,6 +109,7 @@ def names(text: str) -> tuple[str, ...]:
 
 PAGE = tomllib.loads((resources.files(__package__) / "commands.toml").read_text(encoding="utf-8"))
 WRITTEN = ("output", "json_file", "html", "picture", "save_model", "plot", "history", "out", "truth", "target")
+READ = {"loops": "the file of loop settings", "model_file": "the model", "db": "the history", "limits": "the limits"}
 REPORT = b'"loop","verdict",'  # begins the table of a scan: that of the night before may lie among the exports
 TYPES = {"path": click.Path(path_type=Path), "place": place, "names": names, "int": int,
          "result": lambda path: None if path == "-" else Path(path)}  # -: standard output, as without it
@@ -137,7 +138,6 @@ def command(name: str) -> click.Command:
         there = list[Path]()
         for path in results:
             from ..reporter.files import told
-
             with told(path):  # as writing would say after the work
                 os.stat(f"{path.parent}/." if path.suffix else ".")
                 there += [path] * path.is_file()
@@ -146,15 +146,15 @@ def command(name: str) -> click.Command:
 
             inputs = given.get("inputs", ())
             sources = find_sources(inputs) if inputs else []
-            named = [one for name, one in given.items() if name not in WRITTEN and one != given.get("save_model")]
-            read = [one for one in (*(source.path for source in sources), *find_sidecars(inputs, sources), *named)
-                    if isinstance(one, Path) and one.is_file()]
-            for path in (path for path in there if any(map(path.samefile, read))):
+            read = [*((source.path, "the export itself") for source in sources),
+                    *((path, READ["loops"]) for path in find_sidecars(inputs, sources)),
+                    *((one, READ.get(key, "a file")) for key, one in given.items()
+                      if key not in WRITTEN and one != given.get("save_model"))]
+            for path, what in ((path, what) for path in there for one, what in read if
+                               isinstance(one, Path) and one.is_file() and path.samefile(one)):
                 with path.open("rb") as file:
-                    begins = file.read(len(REPORT))
-                if begins != REPORT:
-                    raise UsageError("this is the export itself, or its settings, or a model that is read",
-                                     where=f"{path}", remedy="name another file for --history or what is written")
+                    if file.read(len(REPORT)) != REPORT:
+                        raise refusal(UsageError, "written_over", path, what=what)
         if (page := given.get("html")) and page.suffix not in ("", ".html", ".htm"):  # no page over an export
             raise UsageError("a page ends in .html", where=f"--html {page}", remedy="end its name with .html")
         return function_of(name)(**given)

@@ -185,7 +185,7 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
     if not value or (not named and len(numbers) > 1):
         there = some([head.names[i] for i in numbers]) or "none holds numbers"
         raise InputError(**explained("no_values", there=there), where=head.where)
-    quality += tuple(i for i in head.texts if head.plain[i] in COLUMNS["units"] and i not in naming)
+    quality += tuple(i for i in head.texts if head.plain[i] in COLUMNS["measure"] and i not in (*naming, *head.places))
     return Layout(kind, (stamps,), tuple(value), naming, dict.fromkeys(value, quality),
                   tuple(i for i in rest if head.plain[i] in COLUMNS["further"] and i not in value))
 

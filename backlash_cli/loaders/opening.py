@@ -210,16 +210,18 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[str, Callable[[], Any]]]:
+def sheets(opened: Callable[[], Any], name: str, where: str, notes: list[Note]) -> Sequence[tuple[str, Any]]:
     """Return (name, what opens it as CSV) of the sheets that hold more than a few cells: as files in a folder that is
-    called as the workbook, the only one as the workbook itself. Raises InputError."""
+    called as the workbook, the only one as the workbook itself. notes: gets what to say of cells. Raises InputError."""
     import pandas as pd
     try:
-        with opened() as file:
-            book = pd.read_excel(io.BytesIO(file.read()), sheet_name=None, header=None, engine="calamine")
+        with opened() as file, ZipFile(io.BytesIO(file.read())) as parts:
+            book = pd.read_excel(parts.fp, sheet_name=None, header=None, engine="calamine")
+            wrong = sum(parts.read(n).count(b' t="e"') for n in parts.namelist() if n.startswith("xl/worksheets/"))
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         code, problem = "no_calamine" if isinstance(error, ImportError) else "damaged_workbook", str(error).strip()
         raise InputError(**explained(code, problem=problem or type(error).__name__), where=where) from None
+    notes += [noted("error_cells", count=wrong, file=where)] * bool(wrong)
     found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, text.encode("utf-8-sig"))) for sheet, rows in book.items()
              if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
@@ -505,8 +507,7 @@ def _joined(names: list[str], other: list[str], kinds: Sequence[str]) -> list[st
 
 
 def _fit(cells: Sequence[str], width: int) -> list[str]:
-    names = [cell.strip().lstrip("\ufeff") for cell in cells[:width]]
-    return names + [""] * (width - len(names))
+    return [cell.strip().lstrip("\ufeff") for cell in (*cells[:width], *[""] * (width - len(cells)))]
 
 
 @lru_cache(1 << 14)

@@ -203,7 +203,7 @@ def _unmatched(series: Mapping[str, LoopSeries], metadata: Metadata, *, complete
     for name in names:
         tags = ", ".join(metadata.loops[name].tags.values())
         hint = f"its tags {tags} are not there" if tags else "not all files could be read" if not complete else (
-            nearest(name, free) if free else f"there are {some(sorted(series))}")
+            nearest(name, free).replace("known:", "the data have") if free else f"there are {some(sorted(series))}")
         notes.append(noted("loop_not_found", {"loop": name}, hint=hint))
     return notes
 

@@ -45,7 +45,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
     0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
     known = {} if known is None else known
-    if is_column(name, "units"):  # what stands in another one than the first is as good as none of this signal
+    if is_column(name, "measure"):  # what stands in another one than the first is as good as none of this signal
         codes, words = cells.texts()
         first = known.setdefault("unit", words[codes[codes >= 0][0]] if words else "")
         return np.append(np.array([word == first for word in words], bool), True)[codes], [

@@ -34,8 +34,7 @@ from .states import mode_words
 from .times import StampReader, micros_of
 
 TOGETHER, LEAST, MOST = 2 << 20, 1500, 1 << 19  # cells of one piece, in memory 4 times as many; its rows
-FEW = 3  # steps back of the stamps of a file that may be a clock that was set back
-HEAD_ROWS = 4000  # of Parquet that are looked at first
+FEW, HEAD_ROWS = 3, 4000  # steps back of stamps that may be a clock that was set back; of Parquet looked at first
 MAX_GROWTH = 1000  # bytes decoded per byte of a large Parquet file; constant columns reach some hundred
 KEPT, SHOWN = 200, 50  # characters of a line that is dropped, and lines of which they are
 _WORDS = pa.dictionary(pa.int32(), pa.string())
@@ -230,8 +229,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     parts: list[tuple[str, Callable[[], Any] | None]] = [*members(path)] if kind == "archive" else [
         (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
     found, notes, problems, lost = list[Series](), list[Note](), list[InputError](), dict[str, InputError]()
-    packed = len(parts) if kind == "archive" else 0
-    books = [name for name, _ in parts if kind == "workbook" or name.lower().endswith(WORKBOOKS)]
+    given = len(parts)
     called = Counter(undated(stem_of(name.rpartition("/")[2])) for name, _ in parts)
     for number, (name, opened) in enumerate(parts):  # a workbook is followed by its sheets, a text by its tables
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
@@ -239,8 +237,8 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         own, signals, problem, text = undated(stem_of(file)), list[Series](), None, None
         table: TextTable | ParquetTable | None = None
         try:
-            if opened and name in books:
-                parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}")
+            if opened and number < given and (kind == "workbook" or name.lower().endswith(WORKBOOKS)):
+                parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}", notes)
                 continue
             table = ParquetTable(path, own, options, home) if kind == "parquet" else TextTable(
                 text := Text(path, options, taken, opened), own, home)
@@ -252,7 +250,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
             parts += [(name, one) for one in below]
         elif problem:
             problems.append(problem)
-            if number < packed:
+            if number < given and kind == "archive":
                 problem.where = f"{path}: {name}"
                 lost[problem.where] = problem
             else:
@@ -391,7 +389,7 @@ def _by_tag(axis: Axis, store: Store, tags: list[str], blank: set[int], head: He
             for i in (i for i in layout.values if not tall or i not in unread):
                 name = f"{tag}.{head.names[i]}" if tall else f"{head.stem}.{tag}" if signal_role(tag) else tag
                 one, role = of_tag(head, layout, name, i), "mode" if i in modes else signal_role(head.names[i])
-                units = [unit for mark, called in one.marks.items() if is_column(called, "units")  # as behind a name
+                units = [unit for mark, called in one.marks.items() if is_column(called, "measure")  # as behind a name
                          for unit in own.part(slice(0, 1)).cells(f"v{mark}").texts()[1] if span_of(unit, one.role)]
                 one = replace(one, tag=f"{one.tag} [{units[0]}]") if units else one
                 found += [replace(replace(one, loop=tag, signal=head.names[i], role=role) if tall else one, axis=own)]

@@ -251,8 +251,9 @@ class StampReader:
                 raise InputError(**explained("dates_turned", column=self.name, order=order, day=own[:-1][wrong][0]),
                                  where=self.where)
         zone = self._zone if False in self._zones else None
-        if (asked := self.options.timezone) and False not in self._zones:
-            self.notes.append(noted("timezone_unused", zone=asked))
+        asked, form = self.options.timezone, order * (order in ("dmy", "mdy") and not self._open)
+        self.notes += [noted("timezone_unused", zone=asked)] * (bool(asked) and False not in self._zones)
+        self.notes += [noted("time_format:unused", column=self.name, form=form)] * bool(form)
         self.notes += [noted("mixed_zones", others=f"are read in {zone}")] * (bool(zone) and True in self._zones)
         self.zones = frozenset({True} if zone else self._zones)  # known as well where the column names it
 

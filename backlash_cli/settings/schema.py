@@ -19,6 +19,7 @@ LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE
              "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
 LONGEST, LARGEST, LOOP_GAIN = 30 * 86400.0, 1e9, 50.0  # times [s] and gains that are possible; K Kp of a working loop
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
+_TABLE = re.compile(r"""\s*\[loops\.\s*["']?(.+?)["']?\s*\]""")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _CONSTANT = re.compile(_NUMBER.replace(r"\.", "[.,]"))
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
@@ -89,7 +90,8 @@ def parse_toml(text: str, where: str) -> Metadata:
         if not isinstance(values, dict):
             raise MetadataError(**explained("no_table", loop=name), where=line_of(text, where, "loops", name))
         check_keys(values, partial(line_of, text, f"{where}, loop {name[:40]}", "loops", name))
-    return with_defaults(page.loops, page.defaults, where)
+    heads = ((n, _TABLE.match(line)) for n, line in enumerate(text.splitlines(), 1))
+    return with_defaults(page.loops, page.defaults, where, {head[1]: f" from line {n} on" for n, head in heads if head})
 
 
 def parse_table(text: str, where: str) -> Metadata:
@@ -111,13 +113,14 @@ def parse_table(text: str, where: str) -> Metadata:
         raise MetadataError(**explained("column_twice" if twice else "no_loop_column", key=twice), where=where)
     check_keys({key: "" for i, key in enumerate(header) if i != names[0] and key},
                lambda key: f"{where}, line {rows[0][0]}")
-    defaults, loops = dict[str, Any](), dict[str, dict[str, Any]]()
+    defaults, loops, lines = dict[str, Any](), dict[str, dict[str, Any]](), dict[str, str]()
     for line, row in rows[1:]:
         if "".join(row[len(header) :]).strip():
             raise MetadataError(**explained("long_row", cells=len(row)), where=f"{where}, line {line}")
         cells = dict(zip(header, row, strict=False))
         name = cells.pop(header[names[0]], "").strip()
-        values = {k: _value(k, v, delimiter, f"{where}, line {line}") for k, v in cells.items() if k and v.strip()}
+        values = {key: _value(key, text.strip(), delimiter, f"{where}, line {line}")
+                  for key, text in cells.items() if key and text.strip()}
         if {key for key in ("sp", "pv", "op") if _CONSTANT.fullmatch(values.get(key, ""))} == {"sp"}:
             values["sp"] = number(values["sp"], "sp")  # beside tags that are numbers it is one of them
         if name.lower() in ("defaults", "default"):
@@ -126,29 +129,28 @@ def parse_table(text: str, where: str) -> Metadata:
             raise MetadataError(f"loop {name!r} is listed twice: leave one out" if name else "row without a loop name",
                                 where=f"{where}, line {line}")
         else:
-            loops[name] = values
-    return with_defaults(loops, defaults, where)
+            loops[name], lines[name] = values, f", line {line}"
+    return with_defaults(loops, defaults, where, lines)
 
 
 def _value(key: str, text: str, delimiter: str, where: str) -> Any:
-    text = text.strip()
     if key.endswith("_range"):
-        if delimiter == ";":
-            text = re.sub(r"(?<=\d),(?=\d)", ".", text)
+        text = re.sub(r"(?<=\d),(?=\d)", ".", text) if delimiter == ";" else text
         if (match := _RANGE.match(text)) is None:
             raise MetadataError(f"{key} = {text!r} is not a range", where=where, remedy='write "0..900"')
         return [float(match[1]), float(match[2])]
     return text.split() if key == "auto_modes" else text
 
 
-def with_defaults(loops: Mapping[str, Mapping[str, Any]], defaults: Mapping[str, Any], where: str) -> Metadata:
+def with_defaults(loops: Mapping[str, Mapping[str, Any]], defaults: Mapping[str, Any], where: str,
+                  lines: Mapping[str, str]) -> Metadata:
     """Return the settings of a file: of each loop its own and the defaults that hold for it, which are those that it
-    does not set, nor contradict by another form of the same."""
+    does not set, nor contradict by another form of the same. lines: where in it they stand."""
     found = {}
     for name, values in loops.items():
         taken = set(values).union(*(rivals for rivals in RIVALS if set(rivals) & set(values)))
         inherited = {key: value for key, value in defaults.items() if key not in taken}
-        found[name] = LoopValues({**inherited, **values}, where, frozenset(inherited))
+        found[name] = LoopValues({**inherited, **values}, where + lines.get(name, ""), frozenset(inherited))
     return Metadata(found, defaults, (where,))
 
 
@@ -240,14 +242,12 @@ def _settings_of(values: LoopValues) -> Settings:
 
 
 def _range(given: Any, key: str) -> tuple[float, float] | None:
-    if key not in given:
+    if (value := given.get(key)) is None:
         return None
-    value = given[key]
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise MetadataError(f"{key} must be two numbers, not {value!r}", remedy=f"write {key} = [0, 100]")
     low, high = number(value[0], key), number(value[1], key)
-    if low > high:
-        raise MetadataError(**explained("reversed_range", key=key, low=low, high=high))
     if not 0.0 < high - low < float("inf"):
-        raise MetadataError(**explained("no_span:zero" if low == high else "no_span", key=key, low=low, high=high))
+        code = "reversed_range" if low > high else "no_span:zero" if low == high else "no_span"
+        raise MetadataError(**explained(code, key=key, low=low, high=high))
     return low, high

@@ -199,8 +199,8 @@ def parse_process(text: str) -> Process:
             near = f"{nearest(name, ['K', 'T', 'T2', 'L'])} - " * (name not in _PROCESS_NAMES)
             raise MetadataError(f"'{part}' is not understood", where="--process", remedy=near + PROCESS)
         given[name] = number
-    named = {_PROCESS_NAMES[name]: value for name, value in given.items()}
-    if "lag" not in named:
-        raise MetadataError("no lag is given", where="--process", remedy=PROCESS)
     lags = tuple(value for name, value in given.items() if _PROCESS_NAMES[name] == "lag")
-    return Process(named.get("gain", 1.0), lags, named.get("dead_time", 0.0))
+    if not lags:
+        raise MetadataError("no lag is given", where="--process", remedy=PROCESS)
+    named = {"gain": 1.0, **{_PROCESS_NAMES[name]: value for name, value in given.items()}, "lag": lags}
+    return build(Process, {key.replace("lag", "lags"): value for key, value in named.items()}, "--process")

@@ -82,7 +82,9 @@ def test_what_a_command_reads_is_never_written_over(arguments, tmp_path, monkeyp
     for name in ("P", "L", "M", "P.csv", "sub/P.csv", "loops.toml"):
         (tmp_path / name).write_text("is not even read")
     done = run(capfd, *arguments.split())
-    assert done.status == 2 and "this is the export itself" in done.err
+    read = "the model" if "--model" in arguments else "the file of loop settings" if "L" in arguments or (
+        "loops.toml" in arguments) else "the export itself"
+    assert done.status == 2 and f"this is {read}, that is read" in done.err and "name another file" in done.err
     assert {path.read_text() for path in tmp_path.rglob("*") if path.is_file()} == {"is not even read"}
 
 

@@ -195,7 +195,7 @@ def test_no_result_is_written_over_the_history_that_is_read(capfd, db, tmp_path,
     path = tmp_path / next(word for word in words if word.startswith("h."))
     path.write_bytes(db.read_bytes())
     done = run(capfd, *(word.format(here=tmp_path) for word in words))
-    assert done.status == 2 and ("this is the export itself" in done.err or "named for two things" in done.err)
+    assert done.status == 2 and ("this is the history, that is read" in done.err or "named for two things" in done.err)
     assert path.read_bytes() == db.read_bytes()
 
 

@@ -329,6 +329,39 @@ def test_a_clock_of_12_hours_without_am_and_pm_is_told(tmp_path):
     assert "go back by 12 hours 1 times" in next(n.message for n in plant["FIC101"].notes if n.code == "unsorted")
 
 
+def test_an_order_that_says_nothing_about_the_dates_is_told(tmp_path):
+    for order, said in (("dmy", True), ("mdy", True), ("ymd", False), ("iso", False)):
+        plant = read(save(tmp_path, wide()), options=ReadOptions(time_format=order))
+        assert ("time_format" in codes(plant["FIC101"].notes)) is said
+    slashed = wide(lambda t: f"{t:%d/%m/%Y %H:%M:%S}")
+    plant = read(save(tmp_path, slashed), options=ReadOptions(time_format="dmy"))
+    assert "time_format" not in codes(plant["FIC101"].notes)
+
+
+def test_cells_with_an_error_of_excel_are_told(tmp_path):
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    rows = wide_rows()
+    for row in rows[50:400:70]:
+        row[2] = "#REF!"
+    plant = read(book(tmp_path, {"Data": rows}))
+    assert ["5 cells" in note.message and "plant.xlsx" in note.message for note in plant.warnings
+            if note.code == "error_cells"] == [True]
+    record = plant["FIC101"]
+    assert np.isfinite(record.measurement).sum() >= ROWS - 5 and len(record) == ROWS
+    assert "error_cells" not in codes(read(book(tmp_path, {"Data": wide_rows()})).warnings)
+
+
+@pytest.mark.parametrize(("unit", "span"), [("mA", (4.0, 20.0)), ("psi", (3.0, 15.0))])
+def test_a_column_of_units_that_is_called_unit_tells_the_span(tmp_path, unit, span):
+    low, high = span
+    rows = (f"{t},{tag},{low + (high - low) * v[i] / 100.0},{unit}" if tag.endswith("OP") else f"{t},{tag},{v[i]},m3/h"
+            for i, t in enumerate(STAMPS) for tag, v in SIGNALS.items())
+    path = save(tmp_path, "timestamp,tag,value,unit\n" + "\n".join(rows))
+    (tmp_path / "loops.toml").unlink()
+    record = read(path)["FIC101"]
+    assert record.settings.op_range == span and "span_told" in codes(record.notes)
+
+
 def test_an_hour_that_a_zone_skips_is_told(tmp_path):
     text = wide(lambda t: f"{t + timedelta(days=11, hours=2, minutes=4):%Y-%m-%d %H:%M:%S}")
     plant = read(save(tmp_path, text), options=ReadOptions(timezone="Europe/Berlin"))
@@ -386,6 +419,8 @@ def test_two_files_that_contradict_each_other_are_refused(tmp_path):
     ("From: shift@plant.example\nTo: control@plant.example\nSubject: Export\n\nHi, here it is.\n", "an e-mail"),
     ("L\0\0\0\x01\x14\x02\0\0\0\0\0", "a shortcut of Windows.*give the file that it points to"),
     ('{"error": "time range exceeds 10000 points"}', "JSON, perhaps the answer of a service"),
+    (bytes([255]) * 100_000, "a file of bytes 255, .*export it again"),
+    (b"\x04Anna" + b" " * 50 + b"\x04\0" + "Anna".ljust(54).encode("utf-16-le"), "the mark that Excel sets.*without ~"),
 ])
 def test_what_is_no_export_is_called_what_it_is(tmp_path, text, said):
     with pytest.raises(InputError, match=said):
