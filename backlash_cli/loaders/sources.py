@@ -49,11 +49,10 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
             path.stat()
             for source in _below(path) if path.is_dir() else [Source(path)]:
                 found.setdefault(str(source.path.absolute()), source)
-        except (FileNotFoundError, NotADirectoryError):
-            raise InputError(**explained("not_found"), where=str(path)) from None
-        except (OSError, ValueError) as error:  # too long a name, a zero byte in it
-            problem, shown = getattr(error, "strerror", error), ascii(str(path))[1:-1][:200]
-            raise InputError(**explained("cannot_open", problem=problem), where=shown) from None
+        except (OSError, ValueError) as error:  # also for too long a name, or a zero byte in it
+            code = "not_found" if isinstance(error, (FileNotFoundError, NotADirectoryError)) else "cannot_open"
+            shown = explained(code, problem=getattr(error, "strerror", error))
+            raise InputError(**shown, where=f"{path!s:.500}".replace("\0", "\\0")) from None
     return list(found.values())
 
 

@@ -107,9 +107,8 @@ def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[F
     auto = [text in extra or bool(FORM.automatic.fullmatch(text)) for text in texts]
     unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
                if text and not yes and not FORM.manual.fullmatch(text)]
-    notes = [noted("mode_words", modes=some(unknown, 4))] if unknown else []
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
-    return np.array([*states, np.nan])[codes], notes
+    return np.array([*states, np.nan])[codes], [noted("mode_words", modes=some(unknown, 4))] * bool(unknown)
 
 
 def _auto_numbers(values: FloatArray, named: list[float]) -> tuple[FloatArray, list[Note]]:

@@ -218,7 +218,7 @@ class StampReader:
             stamps = self._numbers(numbers[0])
         else:
             stamps = self.take(columns[:1])
-        clock = np.zeros(len(stamps))
+        clock, own = np.zeros(len(stamps)), np.zeros(len(stamps), np.int64)
         for column, values, unit in zip(columns[1:], numbers[1:], self.units[1:], strict=True):
             if unit in _DIGITS:
                 clock += _of_digits(values * _DIGITS[unit])
@@ -229,9 +229,10 @@ class StampReader:
                 micros, zoned, _ = read_dates([FORM.dotted.sub(r"\1:\2:\3", word) for word in words])
                 clock += np.append(micros, NAT)[codes]
                 self._zones = before | {*zoned[micros != NAT].tolist()}  # a date has none: its time of day tells
+                own = np.append(zoned, False)[codes] * np.where(stamps < -LIMIT, _YEARS * 10_000 << _SHIFT, _ZONED)
                 self._shown_open += f" {words[0]}" if self._shown_open and words else ""
         known = (stamps != NAT) & (np.abs(clock) <= DAY)
-        return np.where(known, stamps + np.where(known, clock, 0.0).astype(np.int64), NAT)
+        return np.where(known, stamps + own + np.where(known, clock, 0.0).astype(np.int64), NAT)
 
     def finish(self) -> Callable[[IntArray], IntArray]:
         """Return what gives UTC, to be called for all rows in file order. Raises InputError for none, or open dates."""

@@ -651,6 +651,19 @@ def test_an_offset_behind_the_time_of_day_is_told_from_none(tmp_path, zones, sai
     assert ("mixed_zones" in codes(record.notes)) is said
 
 
+@pytest.mark.parametrize("form", ["%Y-%m-%d", "%d/%m/%Y", "%Y%m%d"])
+def test_a_time_of_day_keeps_its_own_offset_beside_a_zone(tmp_path, form):
+    """Every second row carries +03:00, the others are of Berlin in winter."""
+    rows = []
+    for k, stamp in enumerate(STAMPS):
+        local = stamp + timedelta(hours=3 if k % 2 else 1)
+        rows.append(f"{local.strftime(form)},{local:%H:%M:%S}{'+03:00' * (k % 2)},450,{SIGNALS['FIC101.PV'][k]},40")
+    path = save(tmp_path, "date,time,FIC101.SP,FIC101.PV,FIC101.OP\n" + "\n".join(rows))
+    record = read(path, options=ReadOptions(timezone="Europe/Berlin"))["FIC101"]
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() and record.interval == 1.0
+    equals_the_recording(record)
+
+
 def test_zero_bytes_that_were_never_written_are_told_and_the_rest_is_read(tmp_path):
     whole = wide().encode()
     middle, size = len(whole) // 2, len(whole)
