@@ -155,20 +155,20 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     """Return how many samples at the end are CONVERTED times as large or small as all before, with the same relative
     moves, at one stroke; and how many are small of a signal that jumps to its thousandfold and back time and again."""
     least, most = values.min(initial=np.inf), values.max(initial=-np.inf)
-    if 0.0 < most < CONVERTED * least:
+    if 0.0 < most / CONVERTED < least:
         return 0, 0
     sizes = values if least > 0.0 else values[values > 0.0]
-    large = CONVERTED * sizes
-    far = np.flatnonzero((sizes[1:] >= large[:-1]) | (sizes[:-1] >= large[1:]))
+    small = sizes / CONVERTED
+    far = np.flatnonzero((small[1:] >= sizes[:-1]) | (small[:-1] >= sizes[1:]))
     if len(sizes) < 100 or not len(far):
         return 0, 0
-    steps = np.abs(np.log(sizes[far + 1] / sizes[far]))
+    steps = np.abs(np.log(sizes[far + 1]) - np.log(sizes[far]))
     jumps = np.count_nonzero(np.abs(steps - np.log(1000.0)) < np.log(1.5))
     if jumps > max(0.01 * (len(sizes) - 1), 0.9 * len(far)):
         return 0, int(np.count_nonzero(sizes < sizes.max() / 1000.0**0.5))
     cut = 1 + int(far[np.argmax(steps)])
     below, above = sorted((sizes[:cut], sizes[cut:]), key=lambda part: float(part[0]))
-    if min(len(below), len(above)) < 20 or above.min() < CONVERTED * below.max():
+    if min(len(below), len(above)) < 20 or above.min() / CONVERTED < below.max():
         return 0, 0
     moves, others = (quantile(np.abs(np.diff(np.log(part))), 0.5) for part in (below, above))
     return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
