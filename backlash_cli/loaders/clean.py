@@ -19,7 +19,7 @@ from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, LIKELY, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted, span_of
 from .options import ReadOptions
-from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults
+from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults, agreed
 from .states import automatic
 
 CHUNK, MARGIN = 2_000_000, 2000  # rows in memory at once; around them, that tell of holes, limits, what still holds
@@ -214,14 +214,14 @@ class _Making:
         """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
         if not (items := loop.roles.get("mode", [])):
             return None, []
-        found = [automatic(item.cells(), auto_modes, item.signal) for item in items]
+        found = [automatic(item.cells(), auto_modes, item.tag) for item in items]
         notes, states = [note for _, more in found for note in more], np.concatenate([auto for auto, _ in found])
-        signal = Signal(self.joiner.times(*(item.axis for item in items)), states, np.zeros(len(states), bool))
+        times = self.joiner.times(*(item.axis for item in items))
+        signal = agreed(Signal(times, states, np.zeros(len(states), bool)), items[0].tag)
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, noted("mode_empty")]
         if (unknown := np.isnan(values := self._carried_on(signal, "mode", grid))).any():
-            # a first change to manual means automatic before, and the other way round
-            before = not unknown.all() and float(values[~unknown][0]) == 0.0
+            before = not unknown.all() and float(values[~unknown][0]) == 0.0  # a change to manual: automatic
             values = np.where(unknown, before, values)
             notes.append(noted("mode_unknown", count=unknown.sum(), how="automatic" if before else "not automatic"))
         return values == 0.0, notes
@@ -255,11 +255,9 @@ class _Making:
             if grid.kind == "compressed" and len(steps):  # 99 % of the records keep this spacing
                 limit = max(limit, GAP_FACTOR * float(np.quantile(steps, 0.99)))
         elif role not in ("sp", "mode") and len(steps):
-            # recorded on change, a value holds until the next record; at regular times, a longer silence is a loss
-            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()
+            middle, usual = np.quantile(steps, [0.5, 0.95]).tolist()  # on change: it holds; else silence is a loss
             limit = max(GAP_FACTOR * usual if usual <= 3.0 * middle else float(steps.max()), few + grid.step)
-        how = self.recipe.options.interpolation or ("linear" if role == "pv" else "hold")
-        if how == "linear" and role != "mode":
+        if role != "mode" and (self.recipe.options.interpolation or ("hold", "linear")[role == "pv"]) == "linear":
             return linear(points, stamps, values, limit, few)
         # rows stamped now early, now late are still one scan each: PV and OP of a row belong together
         late = grid.step // 2 if grid.kind == "jitter" and own and role != "pv" else 0

@@ -72,8 +72,7 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         turn = np.argsort(stamps, kind="stable")
         stamps, rows, values = stamps[turn], rows[turn], values[turn]
     repeats = np.flatnonzero(np.diff(stamps) == 0)
-    differ = _differ(values[repeats], values[repeats + 1], values)
-    of_file = np.searchsorted(firsts, rows, side="right")
+    differ, of_file = _differ(values[repeats], values[repeats + 1], values), np.searchsorted(firsts, rows, side="right")
     between = repeats[differ & (np.diff(of_file)[repeats] != 0)]  # other values in another file
     which = " and ".join(files[i][1] for i in of_file[between[0] : between[0] + 2]) if len(between) else ""
     coarse = len(repeats) and differ.mean() > 0.5 and not which and not len(back)
@@ -98,9 +97,8 @@ def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes:
     stamps, or an hour in the night of a Sunday. None when the rows are simply not in order."""
     if not 0 < len(back) <= max(3, len(stamps) // 2000):
         return None
-    forward = np.diff(stamps)
+    forward, before = np.diff(stamps), stamps[back]
     step = int(np.median(forward[forward > 0])) if np.any(forward > 0) else 0
-    before = stamps[back]
     lost = before - stamps[back + 1] + step
     hour = np.abs(lost - HOUR) <= 2 * step
     if np.any(~hour & (lost > np.ptp(stamps) / 2)):  # another recording
@@ -142,8 +140,7 @@ def _spread_evenly(stamps: IntArray, values: FloatArray) -> IntArray | None:
         return None
     # of one source the next row is as far off with the same stamp as with another, and no further than the one behind
     moves, on, same = np.abs(np.diff(values)), np.diff(stamps) > 0, np.abs(values[usual:] - values[:-usual])
-    most = np.nanquantile(moves, 0.95)
-    within, across, of_rank = (np.fmin(x, most).mean() for x in (moves[~on], moves[on], same))
+    within, across, of_rank = (np.fmin(x, np.nanquantile(moves, 0.95)).mean() for x in (moves[~on], moves[on], same))
     if of_rank < 0.9 * min(within, across) or min(within, across) < 0.5 * max(within, across):
         return None
     rank = np.arange(len(stamps)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -263,8 +263,7 @@ def _leading(head: Head) -> int:
 
 def _pairs(head: Head) -> Layout:
     """Every tag, or some of them, has a time column of its own, shorter ones padded with empty cells."""
-    lead = _leading(head)
-    stamps, values, quality = list[tuple[int]](), list[int](), dict[int, tuple[int, ...]]()
+    lead, stamps, values, quality = _leading(head), list[tuple[int]](), list[int](), dict[int, tuple[int, ...]]()
     for column, end in zip(head.times, [*head.times[1:], len(head.names) + lead], strict=True):
         block = [i for i in range(column - lead, end - lead) if i != column and (
             head.names[i] or not pa.types.is_null(head.columns[i].type))]
@@ -318,15 +317,15 @@ def signals_of(head: Head, layout: Layout, options: ReadOptions, blank: Collecti
     # Flow Set Point, Flow, Valve Demand: in words and not by a tag
     in_words = {"sp", "op"} <= loops.keys() and ("pv" in loops or len(bare) == 1) and len({*loops.values()}) > 1 and (
         len(loops) == sum(tags[i].role in loops for i in main) and not re.search(r"\d", "".join(loops.values())))
-    alone = not pairs and (in_words or any(not tags[i].loop and tags[i].role in SIGNALS for i in signals)) and not (
-        len(signals) == 1 and head.plain[signals[0]] in COLUMNS["attribute"])  # of one loop
+    bare_roles, named = ({tags[i].role for i in signals if bool(tags[i].loop) is x} & {*SIGNALS} for x in (False, True))
+    alone = not pairs and (in_words or len(bare_roles) > 1 or bool(bare_roles - named)) and not (len(signals) == 1 and (
+        head.plain[signals[0]] in COLUMNS["attribute"] or (is_whole(stem) and split_tag(stem).role in bare_roles)))
     only = not pairs and not alone and len(signals) == 1 and not (tags[signals[0]].loop and tags[signals[0]].role)
     by_signal = signal_role(stem) in ("sp", "pv", "op") and not any(
         tag.role in SIGNALS or name.lower() in options.tags for tag, name in zip(tags, head.names, strict=True))
     found, begins = [], [column - _leading(head) for column, *_ in layout.stamps]
     for i in signals:
-        place = bisect(begins, i) - 1 if pairs else 0
-        name = header = head.names[i]
+        place, name = bisect(begins, i) - 1 if pairs else 0, head.names[i]
         if pairs and (not name or not VALUE.isdisjoint((head.plain[i], plain(name.rpartition(".")[2])))):
             time = layout.stamps[place][0]
             name = tags[time].of or name.rpartition(".")[0] or head.names[time]
@@ -343,7 +342,7 @@ def signals_of(head: Head, layout: Layout, options: ReadOptions, blank: Collecti
         if alone and ((in_words and one.role) or bare == [i]):
             one = replace(one, loop="", role=one.role or "pv")
         if alone and (head.home or not one.loop or not one.role):
-            one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else header)
+            one = replace(one, loop=head.home or stem, signal=one.signal if one.role or not one.loop else head.names[i])
         found.append(one)
     if not found:
         raise InputError(**explained("no_signals", shown=some(head.names)), where=head.where)

@@ -4,6 +4,7 @@ import re
 from functools import lru_cache
 from itertools import product
 from types import SimpleNamespace
+from unicodedata import normalize
 
 from ..record import Frozen
 from ..words import Words
@@ -31,7 +32,7 @@ class Tag(Frozen):
 @lru_cache(1 << 18)
 def plain(text: str) -> str:
     """Return the text in lower case without blanks, dots, dashes, underscores and a unit in brackets at the end."""
-    return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", FORM.unit.sub("", text)).lower()
+    return re.sub(r"[\s.,_\-/:\\#*'\"|$~!>]+", "", FORM.unit.sub("", normalize("NFKC", text))).lower()
 
 
 def bare_tag(text: str) -> str:
@@ -96,7 +97,7 @@ def in_labels(text: str) -> str:
 @lru_cache(1 << 18)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
-    name = FORM.glued.sub(" ", FORM.server.sub("", text.strip()))
+    name = FORM.glued.sub(" ", FORM.server.sub("", normalize("NFKC", text).strip()))  # wide letters, fixed blanks
     name = name.replace('"', "") if name.startswith('"') else FORM.levels.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
     pieces = [p for p in FORM.piece.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     if len(pieces) == 2 and signal_role(pieces[0]) and FORM.tag.fullmatch(pieces[1]):  # SP (FIC101)
@@ -139,8 +140,7 @@ def split_tag(text: str) -> Tag:
                     {plain(part[1]) for part in parts[-drop:]} <= COLUMNS["attribute"])):
             cut = kept[-words].start()
             if role := signal_role(name[cut:end]):
-                # FIC101 Feed flow, FIC101, Feed flow, FIC101 Valve
-                loop = found[1] if (found := FORM.described.fullmatch(name[:cut])) else name[:cut]
+                loop = found[1] if (found := FORM.described.fullmatch(name[:cut])) else name[:cut]  # FIC101 Valve
                 named = split_tag(loop) if len(name) <= NESTED_LIMIT else Tag("", "", "")  # FIC101.SP Setpoint
                 return named if named.role == role and re.search(r"\d", named.loop) else Tag(
                     loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))

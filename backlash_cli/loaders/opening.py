@@ -29,7 +29,7 @@ from .names import COLUMNS, FORM, SIGNALS, WORDS, explained, is_column, is_whole
 from .options import DELIMITERS, ReadOptions
 from .sources import day_of, is_export, stem_of
 from .states import quality_words
-from .times import StampReader, stamp_kind
+from .times import StampReader, stamp_kind, zone_of
 
 CHUNK, SAMPLE, BLOCK, ROWS = 1 << 17, 64 << 10, 4 << 20, 2000  # bytes read, that tell the encoding, of a block; lines
 BOMB_RATIO, BOMB_FLOOR = 200, 64 << 20  # text of measurements never shrinks so far: a trap, no export
@@ -39,7 +39,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-8": (codecs.BOM_UTF8,), "utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE),
           "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}  # that of utf-32 begins with that of utf-16
-CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254")  # the first without signs
+CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254", "cp1253")
 WORKBOOKS = (".xlsx", ".xlsm")
 _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
               for test, *changes in WORDS["lines"]["rewritten"]]
@@ -291,8 +291,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         raise InputError(**explained(name, options=options, text=lines[-1][2].strip()[:60]), where=where)
     before = _by_legend({lines[i][0]: cells(i) for i in range(first)})
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
-    # a tag that is recorded less often is empty in the last rows: the first ones tell what it holds
-    begun = _column_kinds([row for row in data if len(row) == width], width)
+    begun = _column_kinds([row for row in data if len(row) == width], width)  # a rare tag is empty at the end
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
     lone = kinds.count("number") < 2
     if not before:  # the name of the file, or a tag in every row, may say it all
@@ -323,10 +322,12 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"
         found[1] for row in reversed(before.values()) if (found := FORM.title.fullmatch(" ".join(row)))), "")
-    # lines above, or a column, name the zone: as if the header did
-    zone = next((c for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "").strip()
-    zone = f" ({'UTC' * (zone[:1] in '+-')}{zone})" * bool(re.fullmatch(r"[+-][\d:]+|\w+[/+-]\S+|[A-Z]{2,5}", zone))
-    names = tuple(n + zone * (is_column(n, "time") and n[-1] not in ")]") for n in names)
+    # lines above, or a column, tell the zone and the order of dates: as if the header did
+    zone = next((c.strip() for n, c in (*above, *zip(names, data[0], strict=False)) if is_column(n, "zone")), "")
+    text.notes += [noted("zone_unknown", zone=zone)] * (bool(zone) and zone_of(f"({zone})") is None)
+    told = [found[0] for form in (FORM.order, FORM.zone_told) for n, c in above if (found := form.search(f"{n} {c}"))]
+    told = [" ".join(dict.fromkeys([*told, zone])).strip()]
+    names = tuple(n + f" ({told[0]})" * bool(told[0] and is_column(n, "time") and n[-1] not in ")]") for n in names)
     names = tuple(n + span_above(i, split_tag(n).role, before) * (n[-1:] not in ")]")
                   for i, n in enumerate(names))
     return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
@@ -398,8 +399,7 @@ def _first_row(lines: list[Line], cells: Callable[[int], list[str]], kinds: tupl
         found = [kind(own[i]) if i < len(own) else "empty" for i in wanted]
         hits = [f == kinds[i] or (f == "number" and kinds[i] == "time" and bool(FORM.count.match(own[i])))
                 for f, i in zip(found, wanted, strict=True)]
-        # a period above the header has no values, one moment there is all but alone in its row
-        full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)
+        full = 2 * sum(bool(cell.strip()) for cell in own) > len(kinds)  # one moment above the header is not
         filled = not times or any(kind(cell) == "number" or (full and cell.strip()) for cell, k in zip(own, kinds)  # noqa: B905
                                   if (k == "number" if "number" in kinds else k not in ("time", "clock", "empty")))
         begun = hits if times else hits[:1]  # where no column holds stamps the first one is the time
@@ -532,10 +532,9 @@ def split_line(line: str, delimiter: str) -> list[str]:
 def lines_of(text: bytes | bytearray) -> tuple[list[Line], int]:
     """Return (number, offset in bytes, text) of the first lines, which quotes may join, and where they end."""
     found: list[Line] = []
-    # any kind of line end, and no further line than is needed is decoded
-    stream = io.TextIOWrapper(pa.BufferReader(text), "utf-8", newline="")
+    stream = io.TextIOWrapper(pa.BufferReader(text), "utf-8", newline="")  # any kind of line end
     lines, at, offset = [*islice(stream, HEAD_LINES), *stream.readlines(HEAD_SIZE)], 0, 0
-    last = len(lines) - (JOINED if stream.read(1) else 0)
+    last = len(lines) - JOINED * bool(stream.read(1))
     while at < last:
         # an open quote: go on to the line that closes it, if one comes soon
         count = 1 if lines[at].count('"') % 2 == 0 else next((k for k, quotes in enumerate(accumulate(

@@ -128,11 +128,10 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
                room: Room | None = None, salt: str | None = None, sources: Sequence[Source] | None = None) -> OpenPlant:
     """Find the loops of exports. taken: called with the bytes that were read. room: memory for samples, the rest is in
     scratch. salt: what a kept report depends on beside the data. sources: files, None: all. Raises BacklashError."""
-    options, given = options or ReadOptions(), [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
-    sources = find_sources(given) if sources is None else sources
+    options, ways = options or ReadOptions(), [inputs] if isinstance(inputs, (str, PathLike)) else list(inputs)
+    sources = find_sources(ways) if sources is None else sources
     marks = {} if salt is None else {str(source.path): source.mark() for source in sources}  # before they are read
-    metadata, warnings = _metadata(given, sources, loops)
-    series, problems = list[Series](), dict[str, BacklashError]()
+    (metadata, warnings), series, problems = _metadata(ways, sources, loops), list[Series](), dict[str, BacklashError]()
     owners, room, taken = explicit_tags(metadata)[0], room or Room(), taken or (lambda count: None)
     needed, with_tags = _needed(metadata, owners, options), replace(options, tags=frozenset(owners))
     for source in sources:
@@ -169,7 +168,7 @@ def open_plant(inputs: Inputs, *, loops: str | PathLike[str] | Metadata | None =
     slaves = {(one.axis.where, one.tag): loop for loop, own in all_loops.items() for one in own.roles.get("sp", ())}
     recipes = (_recipe(name, wanted[name], metadata, options, slaves) for name in sorted(wanted))
     return OpenPlant(tuple(recipe.keyed(marks, (salt, moment)) for recipe in recipes), tuple(warnings),
-                     tuple(failure(error, file=path) for path, error in problems.items()), tuple(map(str, given)))
+                     tuple(failure(error, file=path) for path, error in problems.items()), tuple(map(str, ways)))
 
 
 def _metadata(given: Sequence[str | PathLike[str]], sources: Sequence[Source],

@@ -233,8 +233,9 @@ class Joiner:
         for part in parts[1:]:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        one = parts[0] if len(parts) == 1 else Signal(self.times(*(item.axis for item in chosen)),
-            np.concatenate([part.values for part in parts]), np.concatenate([part.bad for part in parts]))
+        one = parts[0] if len(parts) == 1 else agreed(Signal(
+            self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
+            np.concatenate([part.bad for part in parts])), chosen[0].tag)
         units, points = changed_size(one.values) if role in ("pv", "op") else (0, 0)
         faults |= {(code, chosen[0].tag): Counter({"": count})
                    for code, count in (("unit_change", units), ("points_lost", points))}
@@ -242,8 +243,7 @@ class Joiner:
 
     def _part(self, item: Series) -> Signal:
         cells, good, notes = item.cells(), np.ones(len(item.axis), bool), list[Note]()
-        values, bad = cells.numbers()
-        times = self.times(item.axis)
+        (values, bad), times = cells.numbers(), self.times(item.axis)
         own = slice(None) if self.only is None else slice(*np.searchsorted(times.micros, self.only).tolist())
         faults: Faults = {("not_numbers", item.tag): cells.words(bad, own)}
         for column, name in item.marks.items():  # good is what all of them call so
@@ -268,6 +268,16 @@ def _times(last: list[Times], *axes: Axis) -> Times:
     return last[0]
 
 
+def agreed(signal: Signal, tag: str) -> Signal:
+    """Return it. Raises LoopError where files give other values for the same times, which other signals may not."""
+    try:
+        signal.times.order(signal.values)
+    except LoopError as error:
+        if error.code == "files_differ":
+            raise LoopError(error.what, where=tag, remedy=error.remedy, code=error.code) from None
+    return signal
+
+
 def add_faults(total: Faults, found: Faults) -> list[Note]:
     """Add what was counted to a total; return what is to be said of these kinds of faults."""
     notes = []
@@ -285,8 +295,7 @@ def _one_per_file(series: list[Series], role: str) -> tuple[list[Series], list[N
     for item in series:
         groups[item.axis.where].append(item)
     for where, items in groups.items():
-        # FIC101.PV goes before FIC101.PV.MAX and "Deviation [FIC101.PV]"
-        ranks = [([*SIGNALS.get(role, "").split(), w := plain(s.signal)].index(w),
+        ranks = [([*SIGNALS.get(role, "").split(), w := plain(s.signal)].index(w),  # FIC101.PV before FIC101.PV.MAX
                   len(s.tag) > len(s.loop) + len(s.signal) + 1) for s in items] if items[1:] else [(0, False)]
         first = [item for item, rank in zip(items, ranks, strict=True) if rank == min(ranks)]
         if len(first) < len(items):

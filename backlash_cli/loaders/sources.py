@@ -49,10 +49,9 @@ def find_sources(inputs: Sequence[str | PathLike[str]]) -> list[Source]:
             path.stat()
             for source in _below(path) if path.is_dir() else [Source(path)]:
                 found.setdefault(str(source.path.absolute()), source)
-        except (OSError, ValueError) as error:  # also for too long a name, or a zero byte in it
-            code = "not_found" if isinstance(error, (FileNotFoundError, NotADirectoryError)) else "cannot_open"
-            shown = explained(code, problem=getattr(error, "strerror", error))
-            raise InputError(**shown, where=f"{path!s:.500}".replace("\0", "\\0")) from None
+        except (OSError, ValueError) as odd:  # also for too long a name, or a zero byte in it
+            code = "not_found" if isinstance(odd, (FileNotFoundError, NotADirectoryError)) else "cannot_open"
+            raise InputError(**explained(code, problem=getattr(odd, "strerror", odd)), where=f"{path!s:.500}") from None
     return list(found.values())
 
 

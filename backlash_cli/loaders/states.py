@@ -1,6 +1,7 @@
 """What columns of qualities and of controller modes say of samples."""
 
 import re
+from collections.abc import Iterable
 from statistics import median_low
 from typing import Any
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import some
 from ..record import FloatArray, IntArray, Note
 from .cells import Cells
-from .names import FORM, is_column, noted
+from .names import FORM, is_column, noted, split_tag
 
 
 def quality_words(words: list[str], named: str = "") -> bool:
@@ -26,18 +27,15 @@ def mode_words(words: list[str]) -> bool:
         re.match("aut|man|cas|hand|[自手][动動]|[자수]동|авт|руч", word.strip(), re.IGNORECASE) for word in words)
 
 
-def _numbers_or_words(cells: Cells, *, all_texts: bool) -> tuple[FloatArray | None, IntArray, list[str]]:
-    """(numbers, codes, words) of cells: numbers are None where texts, all or some of them, are something else."""
-    numbers, bad = cells.numbers()
+def _numbers_or_words(cells: Cells, further: tuple[str, ...], told: Iterable[str], *, all_texts: bool
+                      ) -> tuple[FloatArray | None, IntArray, list[str], set[str], list[float]]:
+    """(numbers, codes, words) of cells: numbers are None where texts, all or some of them, are something else; further
+    words that the user names; the numbers among them, and those that a header tells."""
+    (numbers, bad), extra = cells.numbers(), {word.strip().lower() for word in further}
+    wanted = [float(word) for word in (*extra, *told) if re.fullmatch(r"-?\d+(?:\.\d+)?", word)]
     if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
-        return numbers, np.zeros(0, np.int64), []
-    return None, *cells.texts()
-
-
-def _named(further: tuple[str, ...]) -> tuple[set[str], list[float]]:
-    """Further words that the user names, and the numbers among them."""
-    extra = {word.strip().lower() for word in further}
-    return extra, [float(word) for word in extra if re.fullmatch(r"-?\d+(?:\.\d+)?", word)]
+        return numbers, np.zeros(0, np.int64), [], extra, wanted
+    return None, *cells.texts(), extra, wanted
 
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, Any] | None = None
@@ -50,7 +48,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         first = known.setdefault("unit", words[codes[codes >= 0][0]] if words else "")
         return np.append(np.array([word == first for word in words], bool), True)[codes], [
             noted("other_unit", column=name, first=first, words=some(words))] * (words not in ([], [first]))
-    (numbers, codes, words), (extra, wanted) = _numbers_or_words(cells, all_texts=True), _named(further)
+    meant = (number for number, word in FORM.legend.findall(name) if FORM.good.fullmatch(word))
+    numbers, codes, words, extra, wanted = _numbers_or_words(cells, further, meant, all_texts=True)
     hexes = [re.fullmatch(r"\s*(0[xX][0-9a-fA-F]{1,8})\s*(?:\(.*\)\s*)?", word) for word in words]  # 0x00C0 (Good)
     if words and not extra and all(hexes):
         numbers = np.append([float(int(found[1], 16)) for found in hexes if found], np.nan)[codes]
@@ -68,8 +67,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         return np.ones(len(codes), bool), [noted("quality_words:one", word=words[0].strip()[:40])]
     if not any(good):  # only faults are marked: an empty cell is good
         return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]
-    # a change-driven quality column leaves unchanged rows empty, the last word holds
-    codes = codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]
+    codes = codes[np.maximum.accumulate(np.where(codes >= 0, np.arange(len(codes)), 0))]  # unchanged rows are empty
     return np.append(np.array(good, bool), False)[codes], []
 
 
@@ -95,12 +93,14 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
 
 def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
-    0 is manual, 1 to 3 are not; powers of two as in DeltaV, where 8 is manual. name: MAN is 1 in manual."""
-    texts = [text.strip().lower() for text in cells.texts()[1]] if FORM.one_is_manual.fullmatch(name) else ["auto"]
+    as `name` says (0=Auto); 1 is manual of MAN; else 0 is, and 1 to 3 are not; or as in DeltaV, where 8 is manual."""
+    flag = FORM.one_is_manual.fullmatch(split_tag(name).signal)
+    texts = [text.strip().lower() for text in cells.texts()[1]] if flag else ["auto"]
     if not mode_words(texts):  # MAN may also be what the output is in manual
         flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
         return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
-    (numbers, codes, words), (extra, named) = _numbers_or_words(cells, all_texts=False), _named(further)
+    meant = (number for number, word in FORM.legend.findall(name) if FORM.automatic.fullmatch(word))
+    numbers, codes, words, extra, named = _numbers_or_words(cells, further, meant, all_texts=False)
     if numbers is not None:
         return _auto_numbers(numbers, named)
     texts = [word.strip().lower() for word in words]

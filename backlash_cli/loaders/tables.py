@@ -45,8 +45,7 @@ class TextTable:
     """A text file as a table: its first rows, then all of it in batches of columns."""
 
     def __init__(self, text: Text, stem: str, home: str) -> None:
-        self.text, self.where, self.notes = text, text.where, text.notes
-        self.head = head_of(text, stem, home)
+        self.text, self.where, self.notes, self.head = text, text.where, text.notes, head_of(text, stem, home)
         self._bad: list[tuple[int, int, int, str]] = []  # cells expected and found, lines, text
         self.named_again = self._quoted = False  # lines or cells below rows name something; the last block has quotes
         first = self._parsed(text.head[self.head.offset : self.head.end], None)
@@ -79,8 +78,7 @@ class TextTable:
             self._bad += [(0, 0, lost, part[:KEPT].decode(errors="replace")) for part in within if (
                 lost := sum(line.count(mark) + 1 == len(self.head.names) for line in part.split(b"\n")[1:]))]
             if self._bad and not first_bad:
-                # several threads find them in any order
-                begun = [re.escape(text.partition("\n")[0].encode()) + rb"\r?$" * (
+                begun = [re.escape(text.partition("\n")[0].encode()) + rb"\r?$" * (  # found in any order
                     len(text) < KEPT and "\n" not in text) for *_, text in self._bad[:SHOWN]]
                 place = re.search(rb"(?m)^(?:%s)" % b"|".join(begun), block)
                 first_bad = line + block.count(b"\n", 0, place.start() if place else 0)
@@ -229,8 +227,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
     parts: list[tuple[str, Callable[[], Any] | None]] = [*members(path)] if kind == "archive" else [
         (path.name, partial(path.open, "rb", buffering=0) if kind == "workbook" else None)]
     found, notes, problems, lost = list[Series](), list[Note](), list[InputError](), dict[str, InputError]()
-    given = len(parts)
-    called = Counter(undated(stem_of(name.rpartition("/")[2])) for name, _ in parts)
+    given, called = len(parts), Counter(undated(stem_of(name.rpartition("/")[2])) for name, _ in parts)
     for number, (name, opened) in enumerate(parts):  # a workbook is followed by its sheets, a text by its tables
         *folders, file = name.split("/")  # a part of an archive or a workbook is as a file in a folder
         home = told_by((stem, *folders), file, called) if kind in ("archive", "workbook") else source.home
@@ -265,8 +262,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
 def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptions,
              is_needed: Callable[[Series], bool], room: Room) -> list[Series]:
     """Store stamps in UTC ("t0" ...) and cells ("v3" ...), rows of many tags by tag; Parquet may stay in its file."""
-    head = table.head
-    columns = sorted({*layout.values, *chain(*layout.quality.values())})
+    head, columns = table.head, sorted({*layout.values, *chain(*layout.quality.values())})
     spare = {*head.times, *(i for i, name in enumerate(head.plain) if name in VALUE)}.difference(
         columns, layout.naming, layout.further, *layout.stamps)
     table.notes += [noted("not_read", name=head.names[i]) for i in sorted(spare)]
@@ -367,18 +363,19 @@ def _by_tag(axis: Axis, store: Store, tags: list[str], blank: set[int], head: He
     """Put the rows of each tag, or of each loop of a tall file, together."""
     tall = layout.kind == "tall"
     moved, notes = ([], []) if tall else _one_clock(store, f"v{layout.values[0]}", len(tags))
-    grouped, first, nameless = Store(store.room, grouped=True), 0, 0
+    grouped, first, nameless, undated = Store(store.room, grouped=True), 0, 0, 0
     grouped.lexicons = store.lexicons
     for piece in store.emptied():
         micros = piece["t0"][:]
         for row, shift in moved:
             micros = np.where((np.arange(first, first + len(micros)) > row) & (micros != NAT), micros + shift, micros)
         first += len(micros)
-        # rows without a stamp, such as headers in between, are no samples
-        keep = (piece["group"][:] >= 0) & (tall | (micros != NAT))
-        nameless += int(np.count_nonzero((piece["group"][:] < 0) & (micros != NAT)))
+        named, known = piece["group"][:] >= 0, micros != NAT
+        keep, nameless = named & (tall | known), nameless + int(np.count_nonzero(~named & known))
+        undated += int(np.count_nonzero(named & ~known & (not tall)))  # and no headers in between, which have no number
         grouped.add({name: (micros if name == "t0" else column[:])[keep] for name, column in piece.items()})
-    notes += [noted("no_tag", rows=nameless)] if nameless else []
+    notes += [noted("no_tag", rows=nameless)] * bool(nameless)
+    notes += [noted("unreadable_times", {"rows": float(undated)}, at="")] * bool(undated)
     axis = replace(axis, rows=grouped, first_line=0, notes=(*axis.notes, *notes))
     modes = [] if any(tag.role == "mode" for tag in head.tags) else [  # status: AUTO, MANUAL
         i for i in layout.values if i in head.texts and mode_words(head.words(i))]

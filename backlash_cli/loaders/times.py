@@ -40,8 +40,7 @@ def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
     """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
     NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text = pc.replace_substring_regex(pa.array(words, pa.string()), _NO_DATE, "")
-    rest, of_day = np.arange(len(words)), False
-    micros, zoned = np.full(len(words), NAT), np.zeros(len(words), bool)
+    rest, of_day, micros, zoned = np.arange(len(words)), False, np.full(len(words), NAT), np.zeros(len(words), bool)
     for form, rewritten in ((_DATED, ()), (_DATED, _REWRITTEN), (_COMPACT, ()), (_OF_DAY, ())):
         for written, usual in rewritten:
             text = pc.replace_substring_regex(text, written, usual)
@@ -112,9 +111,17 @@ def _whole_or_month(text: str) -> int:
 
 @lru_cache(64)
 def _region(text: str) -> ZoneInfo | None:
-    """The zone of a region that is named at the end of a text."""
+    """The zone of a region that is named at the end of a text, or in the words of Windows."""
     found = FORM.region.search(text)
-    return next((ZoneInfo(z) for z in available_timezones() if z.lower() == found[1].lower()), None) if found else None
+    name = (found[1] or WORDS["regions"].get(found[2], "")).lower() if found else ""
+    return next((ZoneInfo(z) for z in available_timezones() if z.lower() == name), None) if name else None
+
+
+def zone_of(name: str) -> tzinfo | None:
+    """The zone that the name of a column of stamps tells."""
+    found = FORM.zone.search(name)
+    east = _minutes_east(found[found.lastindex]) if found and found.lastindex else NAT
+    return timezone(timedelta(minutes=east)) if east != NAT else _region(name)
 
 
 def _minutes_east(zone: str) -> int:
@@ -163,12 +170,8 @@ class StampReader:
         self._scale: tuple[float, float, bool] | None = None  # as in _UNITS, where the interval tells it
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
-        self._doubled = self._skipped = 0  # rows in the hour that occurs twice, and in an hour that no clock shows
-        self._back = 0  # steps back since they came to lie in the first of them
-        found = FORM.zone.search(self.name)  # of stamps without an offset
-        east = _minutes_east(found[1] or found[2]) if found else NAT
-        named = timezone(timedelta(minutes=east)) if east != NAT else None
-        self._zone = ZoneInfo(options.timezone) if options.timezone else named or _region(self.name)
+        self._doubled = self._skipped = self._back = 0  # rows in the hour shown twice, in one never shown; steps back
+        self._zone = ZoneInfo(options.timezone) if options.timezone else zone_of(self.name)  # without an offset
         self._last, self._within = -LIMIT, False  # stamp of the last row, and whether it lay in such an hour
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
@@ -287,14 +290,12 @@ class StampReader:
                          for summer in (True, False))
         self._skipped += int(np.count_nonzero(first.tz_localize(None) != walls))
         first, second = local - near + first.asi8, local - near + second.asi8
-        doubled = first != second
-        back = np.diff(local, prepend=self._last) < -HOUR // 2
+        doubled, back = first != second, np.diff(local, prepend=self._last) < -HOUR // 2
         count = self._back + np.cumsum(back)
         begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
         since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
         self._doubled += int(np.count_nonzero(doubled))
-        self._last, self._within, self._back = int(local[-1]), bool(doubled[-1]), int(since[-1])
-        out = micros.copy()
+        self._last, self._within, self._back, out = int(local[-1]), bool(doubled[-1]), int(since[-1]), micros.copy()
         out[known] = np.where(doubled & (since > 0), second, first)
         return out
 
@@ -305,6 +306,9 @@ class StampReader:
     def _past_midnight(self, micros: IntArray) -> IntArray:
         if self._of_day is None:
             self.notes.append(noted("day_above" if self._start else "relative_time:of_day", start=self._from))
+            first, clock = int(micros[micros != NAT][:1].sum()), self._start % DAY
+            self._since = clock * (first < abs(first - clock))  # elapsed: nearer to 0 than to the clock at the start
+        micros = np.where(micros == NAT, NAT, micros + self._since)
         known, out = np.flatnonzero(micros != NAT), micros.copy()
         last = self._of_day or self._start // DAY * DAY or int(micros[known[:1]].sum())
         steps = np.diff(micros[known], prepend=last % DAY)
@@ -346,6 +350,8 @@ class StampReader:
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
+        if told := FORM.order.search(self.name):
+            return "".join(part[0] for part in told.groups()).lower()
         parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", re.sub(r"\d+:[\d:.,]+", "", self._shown_open))
         separator, short = (parts[1], len(parts[2]) < 3) if parts else ("", False)  # short: years of two digits
         readings = _readings(np.array(list(self._open), np.int64))
@@ -366,8 +372,7 @@ class StampReader:
             self.notes += [noted("time_format:comma")] * (separator != ".")
             return "dmy"
         if separator == "/" and "mdy" in fitting and re.search(r"\d\s*[AaPp]\.?\s?[Mm]", self._shown_open):
-            # Australia writes 5/03/2026, the USA 5/3/2026
-            first = "dmy" if "dmy" in fitting and re.match(r"\d/0", self._shown_open) else "mdy"
+            first = "dmy" if "dmy" in fitting and re.match(r"\d/0", self._shown_open) else "mdy"  # Australia: 5/03
             self.notes.append(noted("time_format:am_pm" if first == "mdy" else "time_format:am_pm_day"))
             return first
         year, b, a = (int(part[0]) for part in readings["dmy"])
@@ -408,8 +413,7 @@ class StampReader:
         with np.errstate(over="ignore", invalid="ignore"):
             scaled = (values - zero) * factor + self._start * (not absolute)
             if self._unit in ("excel", "matlab", "ticks"):
-                # such numbers carry some microseconds of rounding; stamps are written to the millisecond at best
-                scaled = np.rint(scaled / 1000.0) * 1000.0
+                scaled = np.rint(scaled / 1000.0) * 1000.0  # they carry some microseconds of rounding
             return np.where(np.abs(scaled) < LIMIT, np.rint(scaled).astype(np.int64), NAT)
 
 

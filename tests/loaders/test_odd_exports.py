@@ -933,7 +933,8 @@ def test_a_state_that_stands_alone_is_the_value(tmp_path):
     assert np.flatnonzero(record.state != SampleState.GOOD).tolist() == [7] and "not_numbers" in codes(record.notes)
 
 
-@pytest.mark.parametrize(("zone", "hours"), [("Europe/Berlin", -1), ("UTC+02:00", -2), ("-05:00", 5), ("CET", -1)])
+@pytest.mark.parametrize(("zone", "hours"), [("Europe/Berlin", -1), ("UTC+02:00", -2), ("-05:00", 5), ("CET", -1),
+                                             ("W. Europe Standard Time", -1), ("(UTC+03:00) Moscow", -3)])
 @pytest.mark.parametrize("place", ["above", "apart", "column"])
 def test_a_zone_beside_the_stamps_is_that_of_the_stamps(tmp_path, zone, hours, place):
     head, *rows = wide(time_name="Date,Time" if place == "apart" else "Time").splitlines()
@@ -946,13 +947,101 @@ def test_a_zone_beside_the_stamps_is_that_of_the_stamps(tmp_path, zone, hours, p
         assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() + 3600.0 * east
 
 
+@pytest.mark.parametrize(("line", "name", "hours"), [
+    ("Time zone: (UTC+01:00) Amsterdam, Berlin", "Time", -1), ("Часовой пояс: UTC+3", "Time", -3),
+    ("时区: UTC+8", "Time", -8), ("All times are UTC+3", "Time", -3),
+    ("All times in local time (Europe/Berlin)", "Time", -1),
+    ("Exported by Anna", "Time_MSK", -3), ("Exported by Anna", "Время (МСК)", -3), ("导出", "北京时间", -8),
+    ("Exported by Anna", "TimeStamp(+0300)", -3), ("Exported by Anna", "Time (Eastern Standard Time)", 4),
+    ("Export time: 2026-03-17 07:53:20 UTC+5", "Time", 0), ("Time zone: UTC+3", "Time (UTC+1)", -1)])
+def test_a_zone_is_told_by_a_line_above_or_the_name_of_the_stamps(tmp_path, line, name, hours):
+    plant = read(save(tmp_path, f"{line}\n{wide(time_name=name)}"))
+    equals_the_recording(plant["FIC101"])
+    assert plant["FIC101"].start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp() + 3600.0 * hours
+    assert "zone_unknown" not in codes(plant.warnings)
+
+
+@pytest.mark.parametrize(("line", "name", "told"), [
+    ("Time zone: CET", "Date (y-m-d)", False), ("Time zone:", "Time", False), ("Time zone: of the plant", "Time", True),
+    ("UTC offset (min): 180", "Time", True)])
+def test_a_zone_that_is_not_understood_does_no_harm_and_is_told(tmp_path, line, name, told):
+    plant = read(save(tmp_path, f"{line}\n{wide(time_name=name)}"))
+    equals_the_recording(plant["FIC101"])
+    assert plant["FIC101"].start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
+    assert ("zone_unknown" in codes(plant.warnings)) is told
+
+
 @pytest.mark.parametrize(("line", "name"), [
-    ("Time zone: (UTC+01:00) Amsterdam, Berlin", "Time"), ("Time zone: CET", "Date (y-m-d)"),
-    ("Time zone: W. Europe Standard Time", "Time"), ("Time zone:", "Time")])
-def test_a_zone_that_is_not_understood_does_no_harm(tmp_path, line, name):
-    record = read(save(tmp_path, f"{line}\n{wide(time_name=name)}"))["FIC101"]
+    ("", "Time (DD/MM/YYYY HH:MM:SS)"), ("Date format: DD/MM/YYYY\n", "Time"), ("", "Timestamp [dd/mm/yyyy hh:mm:ss]")])
+def test_an_order_of_dates_that_the_file_states_is_taken(tmp_path, line, name):
+    day = dt.timedelta(days=-13)  # 4 March
+    for form, order in (("%d/%m/%Y %H:%M:%S", line + name), ("%m/%d/%Y %H:%M:%S", (line + name).replace(
+            "DD/MM", "MM/DD").replace("dd/mm", "mm/dd"))):
+        *above, called = order.rpartition("\n")
+        text = "".join(above) + wide(lambda t, f=form: f"{t + day:{f}}", time_name=called)
+        record = read(save(tmp_path, text))["FIC101"]
+        assert record.start == (STAMPS[0] + day).replace(tzinfo=dt.UTC).timestamp()
+
+
+@pytest.mark.parametrize("first", [0, 28_400])
+def test_times_of_day_below_a_start_are_elapsed_or_those_of_the_clock(tmp_path, first):
+    """Start 07:53:20: rows that begin at 00:00:00 count from it, and those that begin at 07:53:20 are of the clock."""
+    begin = dt.datetime(2026, 3, 14, 7, 53, 20)
+    text = wide(lambda t: f"{dt.datetime(2000, 1, 1) + (t - STAMPS[0]) + timedelta(seconds=first):%H:%M:%S}")
+    record = read(save(tmp_path, f"Start time,{begin}\n\n{text}"))["FIC101"]
+    assert record.start == begin.replace(tzinfo=dt.UTC).timestamp() and "day_above" in codes(record.notes)
     equals_the_recording(record)
-    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
+
+
+@pytest.mark.parametrize(("name", "auto", "manual"), [
+    ("MODE", "Program Auto", "Program Manual"), ("MODE", "Cascade", "Cascade Hand"),
+    ("MODE", "Remote", "REMOTE MANUAL"), ("MODE", "Operator Auto", "Operator Manual"),
+    ("MODE (0=Auto, 1=Manual)", "0", "1"),
+    ("MODE [1:MAN 2:AUTO 3:CAS]", "2", "1"), ("MODE", "自动模式", "手动")])
+def test_a_mode_is_what_its_words_or_its_header_say(tmp_path, name, auto, manual):
+    header, *rows = wide().splitlines()
+    held = range(100, 140)
+    rows = [f"{row},{manual if k in held else auto}" for k, row in enumerate(rows)]
+    tag = f'"FIC101.{name}"'
+    record = read(save(tmp_path, "\n".join([f"{header},{tag}", *rows])))["FIC101"]
+    assert np.flatnonzero(record.state == SampleState.MANUAL).tolist() == [*held]
+
+
+def test_a_quality_is_what_its_header_says(tmp_path):
+    header, *rows = wide().splitlines()
+    most = set(range(50, 400))  # the usual number is the bad one
+    rows = [f"{row},{int(k in most)}" for k, row in enumerate(rows)]
+    record = read(save(tmp_path, "\n".join([header + ",Quality (0=good)", *rows])))["FIC101"]
+    assert set(np.flatnonzero(~np.isfinite(record.measurement)).tolist()) == most
+
+
+@pytest.mark.parametrize("form", ["{loop}.{signal}", "{loop}_{signal}"])
+def test_files_of_a_tag_whose_column_is_called_after_its_signal_make_one_loop(tmp_path, form):
+    for tag, values in SIGNALS.items():
+        loop, signal = tag.split(".")
+        rows = "\n".join(f"{iso(t)},{cell(tag, v)}" for t, v in zip(STAMPS, values, strict=True))
+        save(tmp_path, f"Time,{signal}\n{rows}\n", f"{form.format(loop=loop, signal=signal)}.csv")
+    plant = read(tmp_path)
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"] and not plant.failures
+    equals_the_recording(plant["FIC101"])
+
+
+def test_a_lone_name_beside_whole_tags_is_no_measurement_of_theirs(tmp_path):
+    """A table of statistics at the right of the data has a column PV of its own."""
+    header, *rows = wide().splitlines()
+    right = {3: ",,Mean,53.3", 5: ",,Minimum,46.0", 7: ",,Maximum,59.0"}
+    rows = [row + right.get(k, ",,,") for k, row in enumerate(rows)]
+    plant = read(save(tmp_path, "\n".join([header + ",,Statistics,PV", *rows])))
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"]
+    equals_the_recording(plant["FIC101"])
+
+
+@pytest.mark.parametrize("written", [lambda n: n.replace(".", "\u00a0"), lambda n: "".join(
+    chr(ord(c) + 0xFEE0) for c in n)])
+def test_blanks_that_do_not_break_and_wide_letters_are_as_usual_ones(tmp_path, written):
+    plant = read(save(tmp_path, wide(name=written)))
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"]
+    equals_the_recording(plant["FIC101"])
 
 
 @pytest.mark.parametrize("stamp", ["{:%Y-%m-%dT%H:%M:%SZ}", "{0:%s}"])
@@ -1348,3 +1437,28 @@ def test_a_damaged_small_file_in_an_archive_costs_itself_only(tmp_path):
     plant = read(save(tmp_path, spoilt, "plant.zip"))
     equals_the_recording(plant["FIC101"])
     assert any("other.csv" in str(failure) for failure in plant.failures)
+
+
+@pytest.mark.parametrize("signal", ["SP", "OP", "MODE"])
+def test_files_that_agree_in_the_measurement_alone_are_refused(tmp_path, signal):
+    """The same hour exported twice, once with another setpoint, output or mode."""
+    header, *rows = wide().splitlines()
+    rows = [f"{row},AUTO" for row in rows]
+    at = [*header.split(","), "FIC101.MODE"].index(f"FIC101.{signal}")
+    other = [",".join([*(cells := row.split(","))[:at], "MAN" if signal == "MODE" else str(100 - float(cells[at])),
+                       *cells[at + 1 :]]) for row in rows]
+    for name, lines in (("a.csv", rows), ("b.csv", other)):
+        save(tmp_path, "\n".join([f"{header},FIC101.MODE", *lines]), name)
+    plant = read(tmp_path)
+    (lost,) = plant.failures
+    assert lost.code == "files_differ" and f"FIC101.{signal}: two files give different values" in lost.message
+    assert [record.loop for record in plant] == ["PIC303"]
+
+
+def test_rows_of_a_long_file_without_a_readable_time_are_told(tmp_path):
+    text = long(lambda tag, stamp, value: f"{tag},{stamp},{value}", "tag,time,value")
+    plant = read(save(tmp_path, text + "<html>504 Gateway,Time-out,sorry</html>\n"))
+    assert ["1 rows" in note.message for note in plant["FIC101"].notes if note.code == "unreadable_times"] == [True]
+    equals_the_recording(plant["FIC101"])
+    again = read(save(tmp_path, text + "tag,time,value\n" + "\n".join(text.splitlines()[1:200:2]) + "\n"))  # a header
+    assert "unreadable_times" not in codes(again["FIC101"].notes)
