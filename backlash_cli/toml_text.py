@@ -101,7 +101,8 @@ def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | 
             values = values[key]
         wanted = " or ".join(_WORDS[kind] for kind in quoted[0].split(" | ") if kind in _WORDS) if quoted else said
         name = [str(key) for key in ("this", *way, *keys) if not isinstance(key, int)][-1]
-        raise MetadataError(f"{name} = {values!r} is not possible", where=line_of(text, where, *way, *keys),
+        shown = "a table" if isinstance(values, dict) else f"{values!r:.80}"
+        raise MetadataError(f"{name} = {shown} is not possible", where=line_of(text, where, *way, *keys),
                             remedy=(words or {}).get(name, f"give {wanted}")) from None
 
 

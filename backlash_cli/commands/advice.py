@@ -32,11 +32,10 @@ MOVE = "a number in units of the loop such as 12.5, or a share of its span such 
 def plan(target: str | None, max_pv_move: str, max_op_move: str, form: str | None, output: Path | None, repeats: int,
          seed: int, jobs: int | None, no_cache: bool, **given: Any) -> int:
     """Work out the least that would decide each loop that a scan leaves undecided, by simulating it."""
-    pv_move, op_move = (Move(*options.size(text, where, "move", MOVE))
+    pv_move, op_move = (Move(*options.size(text, where, "move", MOVE, 1.0 if text[-1:] == "%" else 1e300))
                         for text, where in ((max_pv_move, "--max-pv-move"), (max_op_move, "--max-op-move")))
     wanted = PlanOptions(options.dead_band(target, "--target"), pv_move, op_move, repeats, seed)
-    form = form or form_of(output, PLANS)
-    plant = Export.of(given).read()
+    form, plant = form or form_of(output, PLANS), Export.of(given).read()
     plans: list[LoopPlan] = []
     failures = [note.message for note in plant.failures]
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # as it is written: no home

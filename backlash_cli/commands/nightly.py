@@ -28,13 +28,14 @@ from ..results.history import Place, gone, missing_days
 from ..scanning import ScanOptions
 from .history import read_profile
 from .options import Export
-from .scan import Job, kept
+from .scan import Job, kept, lost
 from .terminal import emit, refusal, say
 
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
 OLDER, NOTHING = "older than look_back", "no export found"  # and not in the history; for one of several inputs
 GONE, REPEATED = "no longer there", "nothing new in"  # loops; exports of another date
+DAMAGE = ("ragged_rows", "truncated", "passed_over", "no_tag", "error_cells")  # parts of an export that are lost
 SAID = (OLDER, "missing", NOTHING, "misdated", REPEATED, GONE)
 
 Log = Callable[..., None]
@@ -156,16 +157,17 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
         if job.taken_over:
             log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
-        wrong = bool(scan.failures) or any(r.verdict == "error" for r in scan.loops)
-        told = {"scanned": True, "late": late, "incomplete": wrong, "misdated": export.misdated(scan.loops),
-                REPEATED: key not in known and not outcome["new"] and bool(outcome["unchanged"] + outcome["revised"])}
+        told = {"scanned": True, "late": late, "incomplete": bool(lost(scan)), "misdated": export.misdated(scan.loops),
+                REPEATED: key not in known and not outcome["new"] + outcome["revised"] and bool(outcome["unchanged"])}
         for word, holds in told.items():
             done[word] += [name] * holds
         for word in ("new", "revised", "unchanged"):
             done[word] += outcome[word]
         log("scanned", night=name, loops=len(scan.loops), history=sentence("stored", outcome), late=late)
-        for note in scan.failures:
-            log("not analysed", "warning", night=name, reason=note.message)
+        for reason in lost(scan):
+            log("not analysed", "warning", night=name, reason=reason)
+        for note in scan.warnings:
+            log(note.code, "warning" if note.code in DAMAGE else "info", night=name, reason=note.message)
     return scan
 
 

@@ -47,8 +47,7 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
     if demo == bool(export.inputs):
         raise refusal(UsageError, "demo_or_export", problem="--demo and an export do not fit together" if demo else
                       "nothing to scan: no INPUT")
-    rules = parse_rules(fail_on)
-    form = check_delivery(form, output, table)
+    rules, form = parse_rules(fail_on), check_delivery(form, output, table)
     wanted = ScanOptions(confirm=not no_confirm, carry=history is not None)
     if history is not None and history.is_file() and history.stat().st_size:  # refused before hours of work
         History(history, say=say).db.close()
@@ -75,19 +74,21 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
                 count = draw(result, job.plant, plot, step)
             if job.shown:
                 say(f"{counted(count, 'picture')} written to {plot}")
-    wrong = [note.message for note in result.failures]
-    wrong += [note.message for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
-    status = say_failures("not analysed", wrong, shown=quiet or output is not None or form not in (None, "table"))
+    status = say_failures("not analysed", lost(result), shown=bool(quiet or output) or form not in (None, "table"))
     if hits := met(rules, result.loops):
         say(f"--fail-on {', '.join(fail_on)}: met by {counted(len(hits), 'loop')}: {some(hits, 10)}")
     return 1 if hits else status
 
 
+def lost(result: ScanResult) -> list[str]:
+    """Return why loops and files were not analysed."""
+    errors = [note for r in result.loops if r.verdict == "error" for note in r.reasons[:1]]
+    return [note.message for note in (*result.failures, *errors)]
+
+
 def check(form: str | None, output: Path | None, verbose: bool, **given: Any) -> int:
     """Check data quality and controller settings before trusting a verdict."""
-    form = form or form_of(output, TEXT_OR_JSON)
-    plant = Export.of(given).read(compiles=False)
-    loops = []
+    form, plant, loops = form or form_of(output, TEXT_OR_JSON), Export.of(given).read(compiles=False), []
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
         for record, found in zip(plant, answers(plant.records, check_loop, jobs=1), strict=True):
             loops.append(found if isinstance(found, LoopCheck) else

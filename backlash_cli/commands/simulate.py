@@ -23,8 +23,7 @@ def simulate(scenario: str, out: Path | None, truth: Path | None, layout: str, d
         return
     if out is None:
         raise UsageError("nothing says where to write", remedy="add --out FILE, for example --out plant.csv")
-    settings = out.with_name(f"{stem_of(out)}.loops.toml")
-    truth = truth or out.with_name(f"{stem_of(out)}.truth.csv")
+    settings, truth = out.with_name(f"{stem_of(out)}.loops.toml"), truth or out.with_name(f"{stem_of(out)}.truth.csv")
     ways = [path.resolve() for path in (out, settings, truth, Path(scenario))]
     if twice := next((path for path in ways if ways.count(path) > 1), None):
         raise UsageError("this file is named for two things", where=twice.name, remedy="choose another --out, --truth")

@@ -97,8 +97,7 @@ def one_loop(export: Export, name: str | None) -> Record:
         return plant.records[0]
     if not plant.records:
         raise LoopError(plant.failures[0].message if plant.failures else "no loop could be read")
-    names = names_in(plant)
-    what = "several loops here" if name is None else f"{name!r} means several loops"
+    names, what = names_in(plant), "several loops here" if name is None else f"{name!r} means several loops"
     raise UsageError(f"{what}: {some(names, 20)}", where="--loop", remedy=f"choose one, for example --loop {names[0]}")
 
 

@@ -79,7 +79,7 @@ def read_config(path: str | Path, reading: type = dict) -> NightlyConfig:
     def beside(kind: type, value: Any) -> Path:
         if not isinstance(value, str):
             raise TypeError("Expected `str`")
-        return path.parent / value
+        return path.parent / Path(value).expanduser()
 
     text, where = read_page(path, "the configuration", f"check the path; {example}"), str(path)
     page = checked(parsed(text, where), NightlyConfig, where, text, remedy=example, hook=beside,
@@ -88,7 +88,7 @@ def read_config(path: str | Path, reading: type = dict) -> NightlyConfig:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
-    return msgspec.structs.replace(page, path=path, inputs=tuple(str(path.parent / pattern) for pattern in inputs),
+    return msgspec.structs.replace(page, path=path, inputs=tuple(str(beside(Path, one)) for one in inputs),
         fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
         reading=checked(page.reading, reading, where, text, "reading"))

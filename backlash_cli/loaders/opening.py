@@ -244,7 +244,8 @@ def tables_below(opened: Callable[[], Text], notes: list[Note]) -> list[Callable
         at += len(line)
         if max(len(above) - MOST_TABLES, len(lines) - HEAD_LINES) > 0:
             return []
-    named = [at for at, own in above.items() if any(score_names(re.split(r"[,;\t|]", x.decode())) > 1.0 for x in own)]
+    named = [at for at, own in above.items() if (rows or own is not lines) and any(  # not a last line that is cut off
+        score_names(re.split(r"[,;\t|]", x.decode())) > 1.0 for x in own)]
     if {*chain(*(above[at] for at in named))} <= {*above[0]}:
         return []
     whole = b"".join([(text := opened()).head, *text.rest])

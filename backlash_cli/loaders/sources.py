@@ -137,4 +137,4 @@ def read_metadata(path: str | PathLike[str]) -> Metadata:
     """Read loop settings: TOML, or a CSV table with a column `loop`. Raises MetadataError naming file, line and key."""
     table = Path(place(path).name).suffix.lower() in (".csv", ".txt", ".tsv")  # a spreadsheet has a code page
     parse, code = (parse_table, "cp1252") if table else (parse_toml, "utf-8")
-    return parse(read_page(path, "the loops file", "give --loops a TOML or CSV file that can be read", code), str(path))
+    return parse(read_page(path, "the loops file", "name a TOML or CSV file that can be read", code), str(path))

@@ -61,9 +61,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
         bool(FORM.good.fullmatch(word.strip())) and not FORM.doubt.fullmatch(word)) for word in words]
-    # one word of all rows that is not known tells nothing
     told = any(good) or extra or len(words) > 1 or len(cells.lexicon.words) > 1 or codes.min() < 0
-    if not told and not FORM.bad.fullmatch(words[0].strip()) and not FORM.doubt.fullmatch(words[0]):
+    if not told and not FORM.bad.fullmatch(words[0].strip()) and not FORM.doubt.fullmatch(words[0]):  # one word
         return np.ones(len(codes), bool), [noted("quality_words:one", word=words[0].strip()[:40])]
     if not any(good):  # only faults are marked: an empty cell is good
         return np.append(np.array(good, bool), True)[codes], [noted("quality_words", words=some(words, 4))]

@@ -241,6 +241,7 @@ class StampReader:
         """Return what gives UTC, to be called for all rows in file order. Raises InputError for none, or open dates."""
         if not self._zones:
             what = f"readable time stamps (for example {self._shown!r})" if self._shown else "time stamps"
+            what += f" that fit --time-format {self.form!r}" * ("%" in self.form)
             raise InputError(**explained("unreadable_stamps", column=self.name, what=what), where=self.where)
         order = self.form if self.form in ("dmy", "mdy", "ymd") or not self._open else self._date_order()
         if self._open:
@@ -252,8 +253,8 @@ class StampReader:
             goes_on, *others = (np.abs(b[1:] - a[:-1]) <= np.timedelta64(most, "D") for a, b, most in (
                 (own, own, 3), (own, turned, 1), (turned, own, 1)))  # a spreadsheet turns what it takes for dates
             if not self.form and np.any(wrong := ~goes_on & np.any(others, axis=0)):
-                raise InputError(**explained("dates_turned", column=self.name, order=order, day=own[:-1][wrong][0]),
-                                 where=self.where)
+                raise InputError(**explained("dates_turned", column=self.name, order=order, day=np.where(
+                    np.isnat(own), turned, own)[np.argmax(wrong)]), where=self.where)
         zone = self._zone if False in self._zones else None
         asked, form = self.options.timezone, order * (order in ("dmy", "mdy") and not self._open)
         self.notes += [noted("timezone_unused", zone=asked)] * (bool(asked) and False not in self._zones)
@@ -291,8 +292,7 @@ class StampReader:
         self._skipped += int(np.count_nonzero(first.tz_localize(None) != walls))
         first, second = local - near + first.asi8, local - near + second.asi8
         doubled, back = first != second, np.diff(local, prepend=self._last) < -HOUR // 2
-        count = self._back + np.cumsum(back)
-        begins = doubled & ~np.concatenate([[self._within], doubled[:-1]])
+        count, begins = self._back + np.cumsum(back), doubled & ~np.concatenate([[self._within], doubled[:-1]])
         since = count - np.maximum.accumulate(np.where(begins, count - back, 0))
         self._doubled += int(np.count_nonzero(doubled))
         self._last, self._within, self._back, out = int(local[-1]), bool(doubled[-1]), int(since[-1]), micros.copy()

@@ -249,8 +249,7 @@ def over_time(time: FloatArray, values: FloatArray, span: tuple[float, float], n
     """A signal in engineering units; it breaks where it is not known, and where grid numbers of `index` are left out.
     time: (samples,) epoch seconds; values: (samples,) normalised."""
     chosen, gaps = thin(np.arange(len(values)) if index is None else index, values, points)
-    x = np.insert(time[chosen], gaps, time[chosen][gaps])
-    y = np.insert(values[chosen], gaps, np.nan)
+    x, y = np.insert(time[chosen], gaps, time[chosen][gaps]), np.insert(values[chosen], gaps, np.nan)
     return trace((x * 1000).astype(np.int64).tolist(), units(y, span, digits), name, colour, **more)
 
 

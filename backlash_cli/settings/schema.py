@@ -17,7 +17,7 @@ from .pid_forms import RIVALS, number, seconds, to_ideal
 ROLE_KEYS = ("sp", "pv", "op", "mode")
 LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE_KEYS, "form", "PB", "Ki", "Kd",
              "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
-LONGEST, LARGEST, LOOP_GAIN = 30 * 86400.0, 1e9, 50.0  # times [s] and gains that are possible; K Kp of a working loop
+LONGEST, LARGEST, LOOP_GAIN, WIDEST = 30 * 86400.0, 1e9, 50.0, 1e15  # times [s], gains; K Kp of a working loop; spans
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
 _TABLE = re.compile(r"""\s*\[loops\.\s*["']?(.+?)["']?\s*\]""")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
@@ -247,7 +247,7 @@ def _range(given: Any, key: str) -> tuple[float, float] | None:
     if not isinstance(value, (list, tuple)) or len(value) != 2:
         raise MetadataError(f"{key} must be two numbers, not {value!r}", remedy=f"write {key} = [0, 100]")
     low, high = number(value[0], key), number(value[1], key)
-    if not 0.0 < high - low < float("inf"):
+    if not 0.0 < high - low < WIDEST:
         code = "reversed_range" if low > high else "no_span:zero" if low == high else "no_span"
         raise MetadataError(**explained(code, key=key, low=low, high=high))
     return low, high

@@ -212,3 +212,17 @@ def test_a_wrong_rule_is_named_with_its_file(capfd, job):
     (job / "n.toml").write_text(CONFIG.replace("d>90%", "bcklash"))
     done = run(capfd, "nightly", job / "n.toml")
     assert done.status == 2 and "n.toml, fail_on: no rule 'bcklash' -> did you mean backlash" in done.err
+
+
+def test_a_loop_that_is_lost_and_a_damaged_export_are_named_with_the_reason(capfd, job):
+    (job / "n.toml").write_text('inputs = ["p_{date}.csv"]\nhistory = "h.db"\n')
+    export(job, 1)
+    text = (job / "p_2026-03-01.csv").read_text().replace("F1.OP", "F1.OP,F2.SP,F2.PV,F2.OP")
+    text = text.replace(",40\n", ",40,1,2,3\n")
+    (job / "p_2026-03-01.csv").write_text(text[: text.rindex(":")])  # cut off within the last row
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 0
+    assert "ragged_rows" in done.err and "if that is the last line the file was cut off" in done.err
+    (job / "loops.toml").write_text("[loops.F1]\nK = 0\nTi = 10.0\n")
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 3 and "not analysed" in done.err and "K must not be zero" in done.err

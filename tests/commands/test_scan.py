@@ -34,7 +34,7 @@ def test_settings_found_beside_the_data_are_never_written_over(capfd, tmp_path):
     settings = next(tmp_path.glob("*loops.toml"))
     before = settings.read_bytes()
     done = run(capfd, "scan", plant, "--format", "csv", "--output", settings)
-    assert done.status == 2 and "or its settings" in done.err and settings.read_bytes() == before
+    assert done.status == 2 and "the file of loop settings" in done.err and settings.read_bytes() == before
 
 
 def test_what_cannot_be_opened_in_a_folder_is_a_failure(capfd, tmp_path):

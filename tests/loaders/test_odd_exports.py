@@ -1462,3 +1462,23 @@ def test_rows_of_a_long_file_without_a_readable_time_are_told(tmp_path):
     equals_the_recording(plant["FIC101"])
     again = read(save(tmp_path, text + "tag,time,value\n" + "\n".join(text.splitlines()[1:200:2]) + "\n"))  # a header
     assert "unreadable_times" not in codes(again["FIC101"].notes)
+
+
+def test_a_long_file_that_is_cut_off_in_its_last_line_says_so(tmp_path):
+    text = long(lambda tag, stamp, value: f"{tag},{stamp},{value}", "tag,time,value")
+    plant = read(save(tmp_path, text + "FIC101.PV,2026-03-18T00:0"))
+    assert {"ragged_rows"} <= codes(plant.warnings) and "passed_over" not in codes(plant.warnings)
+    equals_the_recording(plant["FIC101"])
+
+
+def test_a_pattern_that_fits_no_stamp_is_named_beside_one(tmp_path):
+    with pytest.raises(InputError, match=r"for example '2026-03-17T23:55:00'\) that fit --time-format '%d\.%m\.%Y'"):
+        read(save(tmp_path, wide()), options=ReadOptions(time_format="%d.%m.%Y"))
+
+
+@pytest.mark.parametrize("span", ["[0, 1e308]", "[-1e308, 1e308]", "[0, 1e16]"])
+def test_a_span_that_no_signal_has_is_refused(tmp_path, span):
+    path = save(tmp_path, wide())
+    (tmp_path / "loops.toml").write_text(f"[loops.FIC101]\nK = 0.9\nTi = 20.0\npv_range = {span}\n", encoding="utf-8")
+    (lost,) = read(path).failures
+    assert "is too wide" in lost.message and "loops.toml from line 1 on" in lost.message
