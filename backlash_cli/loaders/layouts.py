@@ -295,7 +295,8 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
         of_loop = owners.get((tag.of, "pv"), -1) if head.marks(i) or re.search("bad|qual|valid", head.plain[i]) else -1
         owner = -1 if tag.role != "quality" else head.names.index(tag.of) if tag.of in head.names else owners.get(
             (of.loop, of.role), of_loop)  # FIC101.PV_QUALITY of FIC101.PV_VALUE; FIC101.BadPV
-        beside = before in there and before not in alike and (not tag.of or head.tags[before].loop == tag.loop)
+        beside = before in there and before not in alike and (not tag.of or tag.loop == head.tags[before].loop or (
+            of.loop, of.role) == ("", head.tags[before].role))  # PV Status
         if owner < 0 and beside and (tag.role == "quality" or is_column(head.names[i], "quality") or (
                 not tag.role and i in head.texts and before not in head.texts and head.marks(i))):
             owner = before

@@ -144,7 +144,7 @@ def split_tag(text: str) -> Tag:
                 named = split_tag(loop) if len(name) <= NESTED_LIMIT else Tag("", "", "")  # FIC101.SP Setpoint
                 return named if named.role == role and re.search(r"\d", named.loop) else Tag(
                     loop, role, kept[-1][1] if words == 1 else name[cut:end].strip(" .-_/:|"))
-    for words in (2, 1):  # Set point temperature, PV_FIC101
+    for words in (3, 2, 1)[len(parts) < 3 :]:  # Set point temperature, PV_FIC101
         if (first := signal_role(begun := name[: parts[words - 1].end()].strip(" .-_/:|"))) and len(begun) > 1 and not (
                 is_column(parts[-1][1], "time")):
             return Tag(name[parts[words - 1].end() :].strip(" .-_/:|#"), first, begun)

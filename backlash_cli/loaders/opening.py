@@ -39,7 +39,7 @@ _CODECS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
 _DAMAGED = (OSError, EOFError, zlib.error, lzma.LZMAError, ValueError, BadZipFile, pa.ArrowException)
 _MARKS = {"utf-8": (codecs.BOM_UTF8,), "utf-32": (codecs.BOM_UTF32_LE, codecs.BOM_UTF32_BE),
           "utf-16": (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)}  # that of utf-32 begins with that of utf-16
-CODE_PAGES = ("cp1252", "cp932", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254", "cp1253")
+CODE_PAGES = ("cp1252", "cp932", "euc_jp", "gb18030", "cp949", "big5", "cp1251", "cp1250", "cp1254", "cp1253")
 WORKBOOKS = (".xlsx", ".xlsm")
 _REWRITTEN = [(re.compile(test), [(re.compile(old.encode()), new.encode()) for old, new in changes])
               for test, *changes in WORDS["lines"]["rewritten"]]
@@ -318,7 +318,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     whole = (split_tag(c) for row in before.values() for c in row)
     title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
-             in (*pairwise(row), *((*re.split("[:=]", cell, maxsplit=1), "")[:2] for cell in row))]
+             in (*pairwise(row), *((*re.split("[:=;]", cell, maxsplit=1), "")[:2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
     loop = next((cell for name, cell in above if cell and is_column(name, "loop") and (
         delimiter != " " or re.search(r"\d", cell))), home) or next((  # between blanks: "this loop is in automatic"

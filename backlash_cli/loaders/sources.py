@@ -95,8 +95,7 @@ def told_by(folders: Sequence[str], name: str, alike: Counter[str] | None = None
 
 def is_export(name: str) -> bool:
     """Say whether a file name has the ending of an export and is no sidecar, no readme."""
-    found = FORM.file.fullmatch(name)
-    return bool(found and found["kind"]) and not FORM.no_export.search(name)
+    return bool((found := FORM.file.fullmatch(name)) and found["kind"]) and not FORM.no_export.search(name)
 
 
 def stem_of(name: str) -> str:

@@ -23,7 +23,7 @@ from .pipeline import Part, Shape, as_tuple, in_order
 from .problem import Problem, usual_output
 
 Number = Annotated[float, msgspec.Meta(gt=-1e300, lt=1e300)]
-Seconds = Annotated[float, msgspec.Meta(ge=0.0, lt=1e300)]
+Seconds = Annotated[float, msgspec.Meta(ge=0.0, le=30 * 86400.0)]
 Moment = datetime | Number | None
 Span = tuple[Number, Number] | None
 KEYS = WORDS["model_file"]
@@ -35,7 +35,7 @@ class Baseline(Page, frozen=True):
     """The numbers below [baseline]."""
 
     Kp: Number
-    tau: Annotated[float, msgspec.Meta(gt=0.0, lt=1e300)]
+    tau: Annotated[float, msgspec.Meta(gt=0.0, le=30 * 86400.0)]
     theta: Seconds = 0.0
     offset: Number = 0.0
 

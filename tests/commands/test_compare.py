@@ -45,6 +45,26 @@ def test_a_right_model_beats_the_plain_one_and_a_wrong_one_does_not_hold(loop, t
     assert "does not hold here" in run(capfd, "compare", loop, "--model", tmp_path / "w.toml").out
 
 
+def test_a_model_whose_file_was_changed_since_the_fit_says_so(loop, tmp_path, capfd):
+    assert run(capfd, "explain", loop, "--save-model", tmp_path / "m.toml").status == 0
+    text = (tmp_path / "m.toml").read_text()
+    assert "the error that the file keeps from that fit" in " ".join(
+        run(capfd, "compare", loop, "--model", tmp_path / "m.toml").out.split())
+    promised = re.search(r"rmse_holdout = ([\d.e-]+)", text)[1]
+    (tmp_path / "m.toml").write_text(re.sub(r"\nKp = \S+", "\nKp = -1.0", text))
+    said = " ".join(run(capfd, "compare", loop, "--model", tmp_path / "m.toml").out.split())
+    assert f"the file promises {100 * float(promised):.3g} %" in said and "its numbers were changed" in said
+    assert "that the file keeps" not in said
+
+
+def test_a_time_of_a_model_that_no_process_has_is_refused(loop, tmp_path, capfd):
+    for line in ("tau = 20.0\ntheta = 1e9", "tau = 1e7"):
+        (tmp_path / "m.toml").write_text(f'loop = "FIC101"\n[baseline]\nKp = 1.3\n{line}\n')
+        done = run(capfd, "compare", loop, "--model", tmp_path / "m.toml")
+        assert done.status == 2
+        assert re.search(r"line \d: (theta = 1000000000.0|tau = 10000000.0) is not possible", done.err)
+
+
 def test_a_model_of_another_loop_or_range_is_refused_unless_asked(loop, tmp_path, capfd):
     text = 'loop = "TIC7"\n[baseline]\nKp = 1.3\ntau = 20.0\n'
     (tmp_path / "m.toml").write_text(text)

@@ -1482,3 +1482,44 @@ def test_a_span_that_no_signal_has_is_refused(tmp_path, span):
     (tmp_path / "loops.toml").write_text(f"[loops.FIC101]\nK = 0.9\nTi = 20.0\npv_range = {span}\n", encoding="utf-8")
     (lost,) = read(path).failures
     assert "is too wide" in lost.message and "loops.toml from line 1 on" in lost.message
+
+
+@pytest.mark.parametrize("form", [
+    "{:%Y_%m_%d_%H_%M_%S}", "LDT#{:%Y-%m-%d-%H:%M:%S.000000000}", "{0:%Y/%m/%d}(火) {0:%H:%M:%S}"])
+def test_stamps_as_controllers_and_recorders_write_them(tmp_path, form):
+    record = read(save(tmp_path, wide(form.format)))["FIC101"]
+    assert record.start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
+    equals_the_recording(record)
+
+
+@pytest.mark.parametrize("names", [
+    ("FIC101Sp", "FIC101Pv", "FIC101Out"), ("FIC101Setpoint", "FIC101ProcessValue", "FIC101ControllerOutput"),
+    ("FIC101设定值SV", "FIC101测量值PV", "FIC101输出值MV"), ("FIC101.SP_REAL", "FIC101.PV_REAL", "FIC101.OP_REAL"),
+    ("Valor Deseado FIC101", "Valor de Proceso FIC101", "Salida FIC101"), ("FIC101 SP", "FIC101 VP", "FIC101 MV")])
+def test_signals_are_known_by_further_names(tmp_path, names):
+    called = dict(zip(("FIC101.SP", "FIC101.PV", "FIC101.OP"), names, strict=True))
+    (record,) = (one for one in read(save(tmp_path, wide(name=lambda n: called.get(n, n)))) if one.loop == "FIC101")
+    equals_the_recording(record)
+    assert np.isfinite(record.setpoint).all() and np.isfinite(record.output).all()
+
+
+def test_japanese_text_of_unix_and_numbers_of_modes_with_their_words(tmp_path):
+    called = {"SP": "設定値", "PV": "測定値", "OP": "操作量"}
+    header, *rows = wide(name=lambda n: f"{n[:-2]}{called[n[-2:]]}").splitlines()
+    rows = [f"{row},{'3 (MAN)' if 100 <= k < 140 else '4 (AUTO)'}" for k, row in enumerate(rows)]
+    text = "\n".join(["日時" + header[header.index(",") :] + ",FIC101.運転モード", *rows])
+    plant = read(save(tmp_path, text.encode("euc_jp")))
+    assert any("euc_jp" in note.message for note in plant.warnings if note.code == "encoding")
+    equals_the_recording(plant["FIC101"])
+    assert np.flatnonzero(plant["FIC101"].state == SampleState.MANUAL).tolist() == [*range(100, 140)]
+
+
+def test_a_quality_called_after_its_signal_alone_is_that_of_the_column_before_it(tmp_path):
+    header, *rows = wide().splitlines()
+    at = header.split(",").index("FIC101.PV") + 1
+    lines = [header.split(","), *(row.split(",") for row in rows)]
+    lines = [[*cells[:at], "PV Status" if k == 0 else "Bad" if k - 1 in SPOILT else "Good", *cells[at:]]
+             for k, cells in enumerate(lines)]
+    record = read(save(tmp_path, "\n".join(map(",".join, lines))))["FIC101"]
+    assert not record.usable[[*SPOILT]].any() or (record.state[[*SPOILT]] == SampleState.FILLED).all()
+    assert any(note.code == "bad_quality" for note in record.notes)
