@@ -350,14 +350,14 @@ class StampReader:
 
     def _date_order(self) -> str:
         """Which of day, month and year comes first, from all open dates. Raises InputError when it may be either."""
-        if told := FORM.order.search(self.name):
-            return "".join(part[0] for part in told.groups()).lower()
         parts = re.search(r"\d+\s*([-/.]?)[-/. ]*\d+[-/. ,]+(\d+)", re.sub(r"\d+:[\d:.,]+", "", self._shown_open))
         separator, short = (parts[1], len(parts[2]) < 3) if parts else ("", False)  # short: years of two digits
         readings = _readings(np.array(list(self._open), np.int64))
         first, last, counts = np.array(list(self._open.values())).T
         fitting = [kind for kind, (_, month, day) in readings.items() if (kind != "ymd" or short) and np.average(
             (month >= 1) & (month <= 12) & (day >= 1) & (day <= 31), weights=counts) > 0.99]
+        if (own := FORM.order.search(self.name)) and (order := "".join(p[0] for p in own.groups()).lower()) in fitting:
+            return order
         if len({days_of(*readings[kind]).tobytes() for kind in fitting}) < 2:  # 06/06/2024 is one day either way
             return fitting[0] if fitting else "dmy"
         jumps = {}  # with the right one the time goes on over midnight, where every other one jumps

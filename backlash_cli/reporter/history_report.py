@@ -10,8 +10,8 @@ from ..results import Compensator, Estimate, Verdict
 from ..results.history import DAY, Night, Place, Repair, Segment, Wear
 from . import figures as fig
 from .figures import Figure
+from .files import form_of
 from .json_report import fields_of
-from .page import is_page
 from .report import LoopPart, Report
 from .safe import entitled, picture
 from .templates import lines, screen, sentence
@@ -73,7 +73,7 @@ def growth(now: Segment | None) -> float | None:
 def write_report(output: Path, places: Sequence[Place], half_periods: HalfPeriods, history: str = "") -> None:
     """Write one .html file, figures for the first 60 places and numbers for all, or a folder for any other name; the
     old report stays until the new one is whole. half_periods: of a loop in so many last days. history: its name."""
-    single = is_page(output)
+    single = form_of(output, {"a folder": "folder", ".html": "page", ".htm": "page"}) == "page"
     times = [n.time for p in places for n in p.wear.nights]
     first, last = (day(edge(times)) if times else None for edge in (min, max))  # the clock is not asked
     content = {"places": places, "counts": Counter(TITLES[p.action] for p in places), "ranked": RANKED,

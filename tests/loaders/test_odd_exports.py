@@ -973,7 +973,7 @@ def test_a_zone_that_is_not_understood_does_no_harm_and_is_told(tmp_path, line, 
 
 @pytest.mark.parametrize(("line", "name"), [
     ("", "Time (DD/MM/YYYY HH:MM:SS)"), ("Date format: DD/MM/YYYY\n", "Time"), ("", "Timestamp [dd/mm/yyyy hh:mm:ss]")])
-def test_an_order_of_dates_that_the_file_states_is_taken(tmp_path, line, name):
+def test_an_order_of_dates_that_the_file_states_is_taken_where_it_can_be(tmp_path, line, name):
     day = dt.timedelta(days=-13)  # 4 March
     for form, order in (("%d/%m/%Y %H:%M:%S", line + name), ("%m/%d/%Y %H:%M:%S", (line + name).replace(
             "DD/MM", "MM/DD").replace("dd/mm", "mm/dd"))):
@@ -981,6 +981,8 @@ def test_an_order_of_dates_that_the_file_states_is_taken(tmp_path, line, name):
         text = "".join(above) + wide(lambda t, f=form: f"{t + day:{f}}", time_name=called)
         record = read(save(tmp_path, text))["FIC101"]
         assert record.start == (STAMPS[0] + day).replace(tzinfo=dt.UTC).timestamp()
+    untrue = wide(lambda t: f"{t:%m/%d/%Y %H:%M:%S}", time_name="Time (DD/MM/YYYY)")  # 17 March
+    assert read(save(tmp_path, untrue))["FIC101"].start == STAMPS[0].replace(tzinfo=dt.UTC).timestamp()
 
 
 @pytest.mark.parametrize("first", [0, 28_400])
