@@ -95,7 +95,7 @@ def is_number(kind: pa.DataType) -> bool:
 
 def is_text(kind: pa.DataType) -> bool:
     return any(is_kind(kind) for is_kind in (
-        pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view, pa.types.is_dictionary))
+        pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view, pa.types.is_dictionary, pa.types.is_binary))
 
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:

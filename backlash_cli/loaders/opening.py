@@ -294,10 +294,9 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     begun = _column_kinds([row for row in data if len(row) == width], width)  # a rare tag is empty at the end
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    lone = kinds.count("number") < 2
     if not before:  # the name of the file, or a tag in every row, may say it all
         called = ["tag" if k == "text" and all(split_tag(cell).role in SIGNALS for cell in own) else "time" if k in (
-            "time", "clock") else "value" if k == "number" and (lone or "." in "".join(own)) else ""
+            "time", "clock") else "value" if k == "number" and (kinds.count(k) < 2 or "." in "".join(own)) else ""
                   for k, own in zip(kinds, zip(*tail, strict=True), strict=True)]  # a measurement is not whole
         if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
             before = {0: called}
@@ -378,7 +377,8 @@ def _delimiter(lines: list[str], first: list[str]) -> str:
             continue
         kinds = [kind(cell) for row in rows if len(row) == width for cell in row[:40]]
         known, filled = len(kinds) - kinds.count("text"), len(kinds) - kinds.count("empty")
-        begun = [{*map(kind, row[:40])} for row in (split_line(line, candidate) for line in first) if len(row) == width]
+        named = (split_line(FORM.comment.sub("", line).lstrip(" "), candidate) for line in first if ": " not in line)
+        begun = [{*map(kind, row[:40])} for row in named if len(row) == width]
         scores[candidate] = (count / len(rows) * (0.7 * known / len(kinds) + 0.3) * (filled / len(kinds)) ** 0.1
                              * (1.5 if {"text"} in begun or {"text", "empty"} in begun else 1.0))
     return max(DELIMITERS, key=scores.__getitem__)

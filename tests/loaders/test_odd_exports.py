@@ -1525,3 +1525,14 @@ def test_a_quality_called_after_its_signal_alone_is_that_of_the_column_before_it
     record = read(save(tmp_path, "\n".join(map(",".join, lines))))["FIC101"]
     assert not record.usable[[*SPOILT]].any() or (record.state[[*SPOILT]] == SampleState.FILLED).all()
     assert any(note.code == "bad_quality" for note in record.notes)
+
+
+@pytest.mark.parametrize("above", ["# FIC101_{}\n", "Tag: FIC101_{}\n", "\n"])
+def test_whole_numbers_behind_a_time_are_no_decimals_of_its_seconds(tmp_path, above):
+    for signal in ("SP", "PV", "OP"):
+        values = SIGNALS[f"FIC101.{signal}"]
+        rows = "".join(f"{t:%Y-%m-%d %H:%M:%S},{v:.0f}\n" for t, v in zip(STAMPS, values, strict=True))
+        save(tmp_path, above.format(signal) + rows, f"FIC101_{signal}.csv")
+    record = read(tmp_path)["FIC101"]
+    equals_the_recording(record, near=0.51 / 900.0)
+    assert np.isfinite(record.setpoint).all() and np.isfinite(record.output).all()
