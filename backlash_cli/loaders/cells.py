@@ -94,8 +94,8 @@ def is_number(kind: pa.DataType) -> bool:
 
 
 def is_text(kind: pa.DataType) -> bool:
-    return any(is_kind(kind) for is_kind in (
-        pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view, pa.types.is_dictionary, pa.types.is_binary))
+    return any(is_kind(kind) for is_kind in (pa.types.is_string, pa.types.is_large_string, pa.types.is_string_view,
+                                             pa.types.is_dictionary, pa.types.is_binary, pa.types.is_large_binary))
 
 
 def to_array(column: pa.ChunkedArray | pa.Array) -> NDArray[Any]:
@@ -120,8 +120,7 @@ def stored(column: pa.ChunkedArray | pa.Array, words: dict[str, int], decimal: s
         marks = np.full(len(values), -1, np.int32)
         marks[odd] = [words.setdefault(str(value), len(words)) for value in values[odd].tolist()]
         return np.where(odd, np.nan, values), marks
-    as_text = is_text(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind)
-    codes, texts = codes_and_words(column if as_text else pa.array([str(kind)] * len(column)))
+    codes, texts = codes_and_words(column if is_text(kind) else pa.array([str(kind)] * len(column)))
     values, found = plain_numbers(texts, decimal), np.full(len(texts) + 1, -1, np.int32)
     for i in np.flatnonzero(np.isnan(values) & (np.bincount(codes + 1, minlength=len(texts) + 1)[1:] > 0)).tolist():
         found[i] = words.setdefault(texts[i], len(words))
@@ -136,7 +135,7 @@ def codes_and_words(column: pa.ChunkedArray | pa.Array) -> tuple[IntArray, list[
         column = column.unify_dictionaries().combine_chunks()
     indices, found = column.indices, column.dictionary
     indices = to_array(indices.fill_null(-1) if indices.null_count else indices).astype(np.int64)
-    found = found if is_text(found.type) or pa.types.is_binary(found.type) else found.cast(pa.large_string())
+    found = found if is_text(found.type) else found.cast(pa.large_string())
     # as bytes: in a damaged Parquet file they may be no text
     texts = [(word or b"").decode(errors="replace") for word in found.cast(pa.large_binary()).to_pylist()]
     keep = np.array([bool(text) and text not in BLANK and not text.isspace() for text in texts] + [False])

@@ -1536,3 +1536,16 @@ def test_whole_numbers_behind_a_time_are_no_decimals_of_its_seconds(tmp_path, ab
     record = read(tmp_path)["FIC101"]
     equals_the_recording(record, near=0.51 / 900.0)
     assert np.isfinite(record.setpoint).all() and np.isfinite(record.output).all()
+
+
+@pytest.mark.parametrize("kind", [pa.binary(), pa.large_binary(), pa.dictionary(pa.int32(), pa.binary())])
+def test_tags_that_a_table_keeps_as_bytes_are_texts(tmp_path, kind):
+    """Hive and Impala write text without saying that it is one."""
+    tags = [tag.encode() for tag in SIGNALS for _ in STAMPS]
+    table = pa.table({"tag": pa.array(tags).cast(kind) if not pa.types.is_dictionary(kind) else pa.array(
+        tags).dictionary_encode(), "time": STAMPS * len(SIGNALS), "value": np.concatenate([*SIGNALS.values()])})
+    pq.write_table(table, tmp_path / "plant.parquet")
+    (tmp_path / "loops.toml").write_text(SETTINGS, encoding="utf-8")
+    plant = read(tmp_path / "plant.parquet")
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"]
+    equals_the_recording(plant["FIC101"])
