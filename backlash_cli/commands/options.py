@@ -61,7 +61,7 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
     together, and when Dask is wanted and missing."""
     scheduler, jobs = given["scheduler"], given.get("jobs")
     if scheduler is not None and given["engine"] != "dask":
-        raise UsageError("--scheduler goes with --engine dask", where="--scheduler", remedy="add --engine dask")
+        raise UsageError("this goes with --engine dask", where="--scheduler", remedy="add --engine dask")
     if scheduler is not None and jobs is not None:
         raise refusal(UsageError, "cluster_jobs", "--jobs")
     if given["engine"] != "dask":
