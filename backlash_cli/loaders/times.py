@@ -307,7 +307,7 @@ class StampReader:
         if self._of_day is None:
             self.notes.append(noted("day_above" if self._start else "relative_time:of_day", start=self._from))
             first, clock = int(micros[micros != NAT][:1].sum()), self._start % DAY
-            self._since = clock * (first < abs(first - clock))  # elapsed: nearer to 0 than to the clock at the start
+            self._since = clock * (100 * first < abs(first - clock))  # elapsed: near 0, and not the clock at the start
         micros = np.where(micros == NAT, NAT, micros + self._since)
         known, out = np.flatnonzero(micros != NAT), micros.copy()
         last = self._of_day or self._start // DAY * DAY or int(micros[known[:1]].sum())

@@ -1497,7 +1497,7 @@ def test_stamps_as_controllers_and_recorders_write_them(tmp_path, form):
 @pytest.mark.parametrize("names", [
     ("FIC101Sp", "FIC101Pv", "FIC101Out"), ("FIC101Setpoint", "FIC101ProcessValue", "FIC101ControllerOutput"),
     ("FIC101设定值SV", "FIC101测量值PV", "FIC101输出值MV"), ("FIC101.SP_REAL", "FIC101.PV_REAL", "FIC101.OP_REAL"),
-    ("Valor Deseado FIC101", "Valor de Proceso FIC101", "Salida FIC101"), ("FIC101 SP", "FIC101 VP", "FIC101 MV")])
+    ("Valor Deseado FIC101", "Valor de Proceso FIC101", "Salida FIC101")])
 def test_signals_are_known_by_further_names(tmp_path, names):
     called = dict(zip(("FIC101.SP", "FIC101.PV", "FIC101.OP"), names, strict=True))
     (record,) = (one for one in read(save(tmp_path, wide(name=lambda n: called.get(n, n)))) if one.loop == "FIC101")
@@ -1549,3 +1549,25 @@ def test_tags_that_a_table_keeps_as_bytes_are_texts(tmp_path, kind):
     plant = read(tmp_path / "plant.parquet")
     assert [record.loop for record in plant] == ["FIC101", "PIC303"]
     equals_the_recording(plant["FIC101"])
+
+
+@pytest.mark.parametrize(("usual", "other"), [
+    ("SP", "Reference"), ("PV", "Present Value"), ("PV", "Measurements"), ("OP", "Control Signal"), ("OP", "VOUT")])
+def test_of_several_names_for_one_signal_the_usual_one_is_taken(tmp_path, usual, other):
+    header, *rows = wide().splitlines()
+    first = header.index(",") + 1  # the other stands before it
+    lines = [f"{header[:first]}FIC101.{other},{header[first:]}",
+             *(f"{row[: row.index(',')]},7{row[row.index(',') :]}" for row in rows)]
+    plant = read(save(tmp_path, "\n".join(lines)))
+    usual_one = read(save(tmp_path, wide(), "usual.csv"))["FIC101"]
+    for name in ("setpoint", "measurement", "output"):
+        np.testing.assert_array_equal(getattr(plant["FIC101"], name), getattr(usual_one, name))
+    told = [note.message for note in plant["FIC101"].notes if note.code == "several_columns"]
+    assert f"FIC101.{usual} is used" in " ".join(told)
+
+
+def test_times_of_day_far_from_a_start_are_of_the_clock(tmp_path):
+    """Start 22:00: rows that begin at 06:00 are no elapsed times, which begin at about 0."""
+    text = wide(lambda t: f"{dt.datetime(2000, 1, 1, 6) + (t - STAMPS[0]):%H:%M:%S}")
+    record = read(save(tmp_path, f"Start time,2026-03-14 22:00:00\n\n{text}"))["FIC101"]
+    assert record.start == dt.datetime(2026, 3, 14, 6, tzinfo=dt.UTC).timestamp()
