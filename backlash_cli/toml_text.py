@@ -5,7 +5,7 @@ import re
 import tomllib
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import datetime
 from os import PathLike
@@ -55,11 +55,10 @@ def parsed(text: str, where: str) -> dict[str, Any]:
         raise MetadataError("not valid TOML: nested too deeply or a number too long", where=where) from None
 
 
-def line_of(text: str, where: str, *way: str | int) -> str:
-    """Name file and line where what the way leads to begins; the file alone where no line does. way: names of tables,
-    the number of an entry where there are several, a key."""
-    here: list[str | int] = []
-    entries: Counter[str] = Counter()
+def ways_of(text: str) -> Iterator[tuple[int, list[str | int]]]:
+    """Yield the number of each line that begins a table or sets a key, and the way to it: names of tables, the number
+    of an entry where there are several, a key."""
+    here, entries = list[str | int](), Counter[str]()
     for number, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*(\[+)([^]]*)\]", line)
         key = head or re.match(r"()\s*((?:[\w-]++|\"[^\"]*\"|'[^']*'|\s*+\.\s*+)+)\s*=", line)
@@ -71,9 +70,12 @@ def line_of(text: str, where: str, *way: str | int) -> str:
             if head[1] == "[[":
                 here = [*names, entries[head[2]]]
                 entries[head[2]] += 1
-        if way and [*here, *names * (not head)][: len(way)] == list(way):
-            return f"{where}, line {number}"
-    return where
+        yield number, [*here, *names * (not head)]
+
+
+def line_of(text: str, where: str, *way: str | int) -> str:
+    """Name file and line where what the way (`ways_of`) leads to begins; the file alone where no line does."""
+    return next((f"{where}, line {n}" for n, keys in ways_of(text) if way and keys[: len(way)] == [*way]), where)
 
 
 def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | int,

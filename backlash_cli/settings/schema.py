@@ -10,7 +10,7 @@ from typing import Any
 
 from ..errors import MetadataError, nearest
 from ..record import Frozen, LoopSettings, Note
-from ..toml_text import Page, checked, line_of, parsed
+from ..toml_text import Page, checked, line_of, parsed, ways_of
 from ..words import explained, noted
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
@@ -19,7 +19,6 @@ LOOP_KEYS = ("K", "Ti", "Td", "Tf", "Kp", "theta", "pv_range", "op_range", *ROLE
              "reset", "units", "auto_modes", "description", "limit_class")  # class of dead-band limit
 LONGEST, LARGEST, LOOP_GAIN, WIDEST = 30 * 86400.0, 1e9, 50.0, 1e15  # times [s], gains; K Kp of a working loop; spans
 _SEPARATOR = re.compile(r"[][\s./\\:_|!-]+")
-_TABLE = re.compile(r"""\s*\[loops\.\s*["']?(.+?)["']?\s*\]""")
 _NUMBER = r"(-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
 _CONSTANT = re.compile(_NUMBER.replace(r"\.", "[.,]"))
 _RANGE = re.compile(rf"^\s*[\[(]?\s*{_NUMBER}\s*(?:\.\.\.?|,|;|:|\s|to|bis)\s*{_NUMBER}\s*[\])]?\s*$")
@@ -90,8 +89,8 @@ def parse_toml(text: str, where: str) -> Metadata:
         if not isinstance(values, dict):
             raise MetadataError(**explained("no_table", loop=name), where=line_of(text, where, "loops", name))
         check_keys(values, partial(line_of, text, f"{where}, loop {name[:40]}", "loops", name))
-    heads = ((n, _TABLE.match(line)) for n, line in enumerate(text.splitlines(), 1))
-    return with_defaults(page.loops, page.defaults, where, {head[1]: f" from line {n} on" for n, head in heads if head})
+    lines = {str(way[1]): f" from line {n} on" for n, way in [*ways_of(text)][::-1] if way[0] == "loops" and way[1:]}
+    return with_defaults(page.loops, page.defaults, where, lines)
 
 
 def parse_table(text: str, where: str) -> Metadata:

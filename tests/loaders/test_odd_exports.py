@@ -998,6 +998,7 @@ def test_times_of_day_below_a_start_are_elapsed_or_those_of_the_clock(tmp_path, 
 @pytest.mark.parametrize(("name", "auto", "manual"), [
     ("MODE", "Program Auto", "Program Manual"), ("MODE", "Cascade", "Cascade Hand"),
     ("MODE", "Remote", "REMOTE MANUAL"), ("MODE", "Operator Auto", "Operator Manual"),
+    ("MODE", "PID Auto", "Manual-Auto"), ("MODE", "RCAS", "Not Auto"), ("MODE", "AUTO", "Off-Auto"),
     ("MODE (0=Auto, 1=Manual)", "0", "1"),
     ("MODE [1:MAN 2:AUTO 3:CAS]", "2", "1"), ("MODE", "自动模式", "手动")])
 def test_a_mode_is_what_its_words_or_its_header_say(tmp_path, name, auto, manual):
