@@ -4,8 +4,7 @@
 
     plant = read(["plant.csv"])
     result = scan(plant)
-    print(to_dataframe(result))
-"""
+    print(to_dataframe(result))"""
 
 import lazy_loader
 

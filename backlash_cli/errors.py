@@ -41,8 +41,7 @@ def nearest(name: str, known: Iterable[object]) -> str:
     """Return a phrase with the known names closest to `name`, for the remedy of an error.
 
     >>> nearest("Tii", ["K", "Ti", "Td"])
-    'did you mean Ti, Td?'
-    """
+    'did you mean Ti, Td?'"""
     from difflib import get_close_matches
 
     names = [str(k) for k in known]

@@ -30,8 +30,7 @@ def duration(seconds: float, digits: int = 3) -> str:
     """A length of time in the unit that suits it.
 
     >>> [duration(x) for x in (0.5, 44.0, 400.0, 9000.0)], duration(200_000.0, 2)
-    (['0.5 s', '44 s', '6.67 min', '2.5 h'], '2.3 d')
-    """
+    (['0.5 s', '44 s', '6.67 min', '2.5 h'], '2.3 d')"""
     units = (("d", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
     name, length = next(((n, u) for n, u in units if seconds >= 1.5 * u), units[-1])
     return f"{float(f'{seconds / length:.{digits}g}'):g} {name}"

@@ -34,9 +34,10 @@ from .terminal import emit, refusal, say
 LARGEST = 5_000_000  # bytes; a larger log becomes FILE.1 before a run
 PULL = "pull"  # rule of its own: a valve has to be pulled
 OLDER, NOTHING = "older than look_back", "no export found"  # and not in the history; for one of several inputs
-GONE, REPEATED = "no longer there", "nothing new in"  # loops; exports of another date
-DAMAGE = ("ragged_rows", "truncated", "passed_over", "no_tag", "error_cells")  # parts of an export that are lost
-SAID = (OLDER, "missing", NOTHING, "misdated", REPEATED, GONE)
+GONE, REPEATED, REVISED = "no longer there", "nothing new in", "revised by"  # loops; exports; another one of a night
+DAMAGE = ("ragged_rows", "truncated", "passed_over", "no_tag")  # parts of an export that are lost
+INCOMPLETE = "incomplete"  # a part could not be read: before the fingerprint of the export, to be told each time
+SAID = (OLDER, "missing", NOTHING, "misdated", REPEATED, REVISED, INCOMPLETE, GONE)
 
 Log = Callable[..., None]
 Done = dict[str, list[Any]]  # names of exports, and of loop nights, by what happened to them
@@ -80,7 +81,7 @@ def nightly(config: Path, check: bool) -> int:
         summary = _summary(settings, done, places)
         log("done", summary=summary)
     emit(summary + "\n")
-    return 1 if hits else 3 if done["failed"] or done["incomplete"] or done[NOTHING] else 0
+    return 1 if hits else 3 if done["failed"] or done[INCOMPLETE] or done[NOTHING] else 0
 
 
 @contextlib.contextmanager
@@ -114,10 +115,10 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
 def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     """Return the exports; note in `done` the days for which there is none, and those too old to be looked at."""
-    found, done[OLDER], done[NOTHING] = find_exports(config.inputs, together=config.together,
-                                                     look_back=config.look_back)
+    found, done[OLDER], done[NOTHING] = find_exports(config.inputs, config.together, config.look_back)
     if not found:
-        raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(config.inputs))
+        patterns = ", ".join(done[NOTHING] or config.inputs)
+        raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=patterns)
     files = [path for export in found for path in export.files]
     check_places(config, found, [*files, *(Path(str(one)) for one in find_sidecars(files, find_sources(files)))])
     done["missing"] = missing_days(e.name for e in found if e.date)
@@ -137,8 +138,9 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
             try:
                 settings = [config.loops] if config.loops else find_sidecars(export.files, find_sources(export.files))
                 fingerprint = export.fingerprint([Path(path) for path in settings], salt=__version__)
-                if known.get(key) == fingerprint:
+                if known.get(key, "").removeprefix(INCOMPLETE) == fingerprint:
                     done["known"].append(name)
+                    done[INCOMPLETE] += [name] * (known[key] != fingerprint)
                     log("known", night=name)
                     continue
                 job = Job(Export(export.files, config.loops, config.reading), ScanOptions(carry=True), config.jobs,
@@ -153,30 +155,28 @@ def _scan_all(config: NightlyConfig, found: Sequence[DatedExport], store: Histor
                 continue
             if config.outputs.scan is not None:  # before the history calls the night known
                 _write_scan(config.outputs.scan, config.outputs.keep, name, scan, job.plant, log)
-            outcome = store.add(scan, export=(key, fingerprint))
+            outcome = store.add(scan, export=(key, INCOMPLETE * bool(missed := lost(scan)) + fingerprint))
         if job.taken_over:
             log("resumed", night=name, loops=job.taken_over)
         late = newest is not None and export.date is not None and export.date < newest
-        told = {"scanned": True, "late": late, "incomplete": bool(lost(scan)), "misdated": export.misdated(scan.loops),
-                REPEATED: key not in known and not outcome["new"] + outcome["revised"] and bool(outcome["unchanged"])}
-        for word, holds in told.items():
-            done[word] += [name] * holds
-        for word in ("new", "revised", "unchanged"):
-            done[word] += outcome[word]
+        more = [what for what in ("new", "revised", "unchanged") if outcome[what]]
+        told = {"scanned": True, "late": late, INCOMPLETE: bool(missed), "misdated": export.misdated(scan.loops),
+                REVISED: key not in known and "revised" in more, REPEATED: key not in known and more == ["unchanged"]}
+        for word, names in (*outcome.items(), *((word, [name]) for word, holds in told.items() if holds)):
+            done[word] += names
         log("scanned", night=name, loops=len(scan.loops), history=sentence("stored", outcome), late=late)
-        for reason in lost(scan):
+        for reason in missed:
             log("not analysed", "warning", night=name, reason=reason)
         for note in scan.warnings:
             log(note.code, "warning" if note.code in DAMAGE else "info", night=name, reason=note.message)
     return scan
 
 
-def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, records: Mapping[str, Record],
-                log: Log) -> None:
+def _write_scan(pattern: str, keep: int, name: str, result: ScanResult, plant: Mapping[str, Record], log: Log) -> None:
     """Write the report of one night and remove the oldest ones beyond `keep`."""
     target = Path(expand(pattern, name))
     make_folder(target.parent)
-    write(result, records, check_delivery(None, target, "loops") or "table", target)
+    write(result, plant, check_delivery(None, target, "loops") or "table", target)
     for _, path in sorted((night, path) for path, night in matches(pattern) if night is not None)[:-keep]:
         path.unlink(missing_ok=True)
         log("removed", report=path.name)

@@ -90,8 +90,7 @@ def dead_band(text: str | None, where: str = "--dead-band") -> float | None:
     """Read a dead band in spans of the output, None for none. Raises UsageError for one above half of the span.
 
     >>> dead_band("0.03"), dead_band("3 %")
-    (0.03, 0.03)
-    """
+    (0.03, 0.03)"""
     return None if text is None else size(text, where, "size", "0.03 or 3% is 3 % of the output span", 0.5)[0]
 
 
@@ -132,6 +131,10 @@ def command(name: str) -> click.Command:
     """Make a command, which never writes over what it reads; its words and options: `commands.toml`."""
 
     def run(**given: Any) -> int | None:
+        if "loops" in given:
+            given["loops"], *more = given["loops"] or [None]
+            if more:  # it would be passed over
+                raise refusal(UsageError, "loops_twice", "--loops")
         results = [path for path in map(given.get, WRITTEN) if isinstance(path, Path)]
         if twice := next((b for i, b in enumerate(results) if b.resolve() in map(Path.resolve, results[:i])), None):
             raise UsageError("this file is named for two things", where=f"{twice}", remedy="choose another for one")
@@ -173,8 +176,7 @@ def _parameter(name: str, own: Mapping[str, Any]) -> click.Parameter:
     kind = TYPES.get(words.pop("type", ""))
     if "choices" in words:
         kind = click.Choice(words.pop("choices"))
-    elif "range" in words:
-        ends = words.pop("range")
+    elif ends := words.pop("range", None):
         kind = (click.IntRange if isinstance(ends[0], int) else Finite)(*ends)
     if "help" not in words:
         return click.Argument([name], type=kind, **words)

@@ -67,8 +67,8 @@ def scan(demo: bool, form: str | None, output: Path | None, table: str, plot: Pa
                 said = f"; {counted(len(result.warnings), 'warning')} about the input in it" * bool(result.warnings)
                 say(f"{counted(len(result.loops), 'loop')} scanned, {form} written to {output}{said}")
         elif form is not None or not quiet:
-            emit("".join(render(result, job.plant, form or "table", table, verbose=verbose,
-                                colour=sys.stdout.isatty())))
+            colour = sys.stdout.isatty()
+            emit("".join(render(result, job.plant, form or "table", table, verbose=verbose, colour=colour)))
         if plot is not None:
             with progress("drawing", len(job.plant), shown=job.shown) as step:
                 count = draw(result, job.plant, plot, step)
@@ -90,9 +90,8 @@ def check(form: str | None, output: Path | None, verbose: bool, **given: Any) ->
     """Check data quality and controller settings before trusting a verdict."""
     form, plant, loops = form or form_of(output, TEXT_OR_JSON), Export.of(given).read(compiles=False), []
     with progress("checking", len(plant), stopped="loops were checked; no report was written") as step:
-        for record, found in zip(plant, answers(plant.records, check_loop, jobs=1), strict=True):
-            loops.append(found if isinstance(found, LoopCheck) else
-                         LoopCheck(record.loop, notes=record.notes, failure=found))
+        for r, found in zip(plant, answers(plant.records, check_loop, jobs=1), strict=True):
+            loops.append(found if isinstance(found, LoopCheck) else LoopCheck(r.loop, notes=r.notes, failure=found))
             step()
     unread = {str(note.values["loop"]): note for note in plant.failures if note.values.get("loop")}
     loops += [LoopCheck(name, failure=note) for name, note in unread.items()]
@@ -192,8 +191,7 @@ def remember(result: ScanResult, history: Path, job: Job) -> None:
     with History(history, create=True, say=say) as store:
         outcome = store.add(*(_one_by_one(result, job) or [result]))
     if outcome["revised"] and any(r.start is not None and r.start < YEAR for r in result.loops):
-        say("the export has no calendar date, and so replaced the night that was there: nights are told apart by their "
-            "times")
+        say("the export has no calendar date, and replaced the night there: nights are told apart by their times")
     if job.shown:
         say(f"history {history}: {sentence('stored', outcome)}")
 

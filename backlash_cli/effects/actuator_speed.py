@@ -10,8 +10,7 @@ Unequal speed: the actuator opens at one speed and closes at another, as a sprin
 
 >>> p = UNEQUAL_SPEED.pack(opening=0.2, closing=0.1)
 >>> UNEQUAL_SPEED.apply([0.0, 0.2, 0.2, 0.0, 0.0], p, interval=1.0).round(3).tolist()
-[0.0, 0.1, 0.2, 0.15, 0.05]
-"""
+[0.0, 0.1, 0.2, 0.15, 0.05]"""
 
 import numpy as np
 

@@ -20,8 +20,7 @@ follows it half a width behind, so that it shows one value while PV rises and an
 
 >>> p = SENSOR_HYSTERESIS.pack(w=0.02)
 >>> SENSOR_HYSTERESIS.apply([0.50, 0.52, 0.54, 0.53, 0.51], p, interval=1.0).round(2).tolist()
-[0.5, 0.51, 0.53, 0.53, 0.52]
-"""
+[0.5, 0.51, 0.53, 0.53, 0.52]"""
 
 from collections.abc import Callable
 

@@ -21,8 +21,7 @@ Curved sensor: PV is not proportional to what is measured, for example a flow wh
 same curve as a valve's, over the span of PV: c < 0 is steep at the low end, as a root is, c > 0 at the high end.
 
 >>> SENSOR_CURVE.apply([0.0, 0.25, 0.5, 1.0], SENSOR_CURVE.pack(curvature=-2.0), interval=1.0).round(3).tolist()
-[0.0, 0.455, 0.731, 1.0]
-"""
+[0.0, 0.455, 0.731, 1.0]"""
 
 import numpy as np
 

@@ -49,8 +49,7 @@ Random load: the process input wanders about its mean, as flows, pressures and c
 >>> p = RANDOM_LOAD.pack(sd=0.01, time_constant=50.0)
 >>> numbers = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 >>> RANDOM_LOAD.apply([0.5, 0.5], p, interval=5.0, series=numbers).round(4).tolist()
-[0.5095, 0.5086]
-"""
+[0.5095, 0.5086]"""
 
 import math
 from collections.abc import Callable

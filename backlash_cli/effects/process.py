@@ -19,8 +19,7 @@ Drifting gain: the same move of the valve does more and more, or less and less, 
 signal's distance from `pivot` grows by `growth` per hour, counted from the first sample.
 
 >>> GAIN_DRIFT.apply([0.5, 0.5, 0.4], GAIN_DRIFT.pack(growth=0.5, pivot=0.4), interval=3600.0).round(3).tolist()
-[0.5, 0.55, 0.4]
-"""
+[0.5, 0.55, 0.4]"""
 
 import numpy as np
 

@@ -14,8 +14,7 @@ historian that draws straight lines between kept values is `simulator.scenario.d
 
 >>> p = EXCEPTION_COMPRESSION.pack(deviation=0.01)
 >>> EXCEPTION_COMPRESSION.apply([0.5, 0.505, 0.511, 0.515, 0.5], p, interval=1.0).tolist()
-[0.5, 0.5, 0.511, 0.511, 0.5]
-"""
+[0.5, 0.5, 0.511, 0.511, 0.5]"""
 
 import numpy as np
 

@@ -25,8 +25,7 @@ def gain_share(d: float, *, derivative: bool, output_noise: float) -> tuple[floa
     >>> gain_share(0.05, derivative=False, output_noise=0.005)[0]
     0.5
     >>> gain_share(0.05, derivative=False, output_noise=0.01)
-    (0.0, 'noise on the output is 20 % of the dead band: every change of its sign would move the valve')
-    """
+    (0.0, 'noise on the output is 20 % of the dead band: every change of its sign would move the valve')"""
     if d <= 0.0:
         return 0.0, said("gain:zero")
     noise = output_noise / d

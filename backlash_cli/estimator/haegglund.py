@@ -43,8 +43,7 @@ def dead_band(dy: Numbers, duration: Numbers, K: float, Ti: float, Kp: float) ->
     """Return the dead-band estimate d = (K dt/Ti - 1/Kp) dy of a half period (15) [output span].
 
     >>> round(dead_band(0.01, 20.0, K=1.2, Ti=2.2, Kp=1.0), 12)  # (10.909 - 1) * 0.01
-    0.099090909091
-    """
+    0.099090909091"""
     return output_change(dy, duration, K, Ti) - dy / abs(Kp)
 
 

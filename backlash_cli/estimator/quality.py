@@ -186,8 +186,7 @@ def rounding_step(values: FloatArray) -> float:
     values always fit some lattice.
 
     >>> round(rounding_step(np.array([0.1, 0.3, 0.4, 0.2, 0.7, 0.2, 0.8, 0.5])), 9)
-    0.1
-    """
+    0.1"""
     gaps = np.diff(np.sort(values[:: 1 + len(values) // ENOUGH]))
     samples, levels = 1 + len(gaps), 1 + np.count_nonzero(gaps)
     gaps = gaps[gaps > EXACT * gaps.sum()]

@@ -77,7 +77,8 @@ def read_limits(path: str | Path | None = None) -> Limits:
     Raises MetadataError naming the file, the entry, and the remedy."""
     if path is None:
         return parse_limits(files("backlash_cli.history").joinpath("limits.toml").read_text("utf-8"), "limits.toml")
-    return parse_limits(read_page(path, "the limits profile", "check the path given to --limits"), str(path))
+    remedy = "check the path (--limits, or limits in the nightly configuration)"
+    return parse_limits(read_page(path, "the limits profile", remedy), str(path))
 
 
 def parse_limits(text: str, where: str) -> Limits:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from ..errors import BacklashError, MetadataError, nearest
+from ..errors import BacklashError, MetadataError, UsageError, nearest
 from ..record import Frozen
 from ..results import LoopReport
 from ..results.history import DAY
@@ -27,6 +27,7 @@ from ..words import WORDS, explained
 READING = ("time_format", "timezone", "interpolation", "delimiter", "decimal", "encoding", "layout", "columns",
            "header_row", "only_loops", "good_quality", "auto_modes")
 _DATE = re.compile(r"\{date(?::([^{}]*))?\}")
+NO_DAY = date.max
 CODES = "YymdjHMSb%"  # of a date, as in strftime; each is written in as many characters every day
 Count = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
@@ -87,11 +88,16 @@ def read_config(path: str | Path, reading: type = dict) -> NightlyConfig:
     for key in [key for key in page.reading if key not in READING]:
         raise MetadataError(**explained("unknown_key", key=key, hint=nearest(key, READING)),
                             where=line_of(text, where, "reading", key))
+    try:
+        options: Any = checked(page.reading, reading, where, text, "reading")
+    except UsageError as error:  # it names what it would be on the command line
+        error.where = line_of(text, where, "reading", error.where.removeprefix("--").replace("-", "_"))
+        raise
     inputs, fail_on = ((value,) if isinstance(value, str) else value for value in (page.inputs, page.fail_on))
     return msgspec.structs.replace(page, path=path, inputs=tuple(str(beside(Path, one)) for one in inputs),
         fail_on=fail_on, lock=page.lock if page.lock.name else page.history.with_name(page.history.name + ".lock"),
         outputs=msgspec.structs.replace(page.outputs, scan=page.outputs.scan and str(path.parent / page.outputs.scan)),
-        reading=checked(page.reading, reading, where, text, "reading"))
+        reading=options)
 
 
 class DatedExport(Frozen):
@@ -127,16 +133,18 @@ def check_places(config: NightlyConfig, exports: Sequence[DatedExport], read: It
         raise MetadataError(**explained("one_file_twice", file=twice.name), where=str(config.path))
 
 
-def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14
+def find_exports(patterns: Iterable[str], together: bool = False, look_back: int = 14
                  ) -> tuple[list[DatedExport], list[str], list[str]]:
-    """Return exports in the order of their dates, the names of those over `look_back` days before the newest, and the
-    patterns that no file matches.
+    """Return exports in the order of their dates, the names of those over `look_back` days before the newest, and what
+    gives none: patterns that no file matches, files of a day that no calendar has.
 
     Files of one date are one plant. Without `{date}` every file is an export by itself, or all are one (`together`)."""
     nights: dict[date | str, list[Path]] = {}
     behind = {pattern: matches(pattern) for pattern in patterns}
     days = dict(sorted((match for found in behind.values() for match in found), key=lambda match: match[1] is not None))
-    for path, day in sorted(days.items()):  # what has a date for one pattern is of that night only
+    nothing = [pattern for pattern, found in behind.items() if not found]
+    nothing += [f"{path.name} (no such day)" for path, day in sorted(days.items()) if day == NO_DAY]
+    for path, day in sorted(item for item in days.items() if item[1] != NO_DAY):  # a date of any pattern counts
         nights.setdefault(day or ("" if together else str(path)), []).append(path)
     dated = sorted(day for day in nights if isinstance(day, date))
     older = [day.isoformat() for day in dated if (dated[-1] - day).days > look_back]
@@ -145,11 +153,12 @@ def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: 
     exports = [*(DatedExport(day.isoformat(), tuple(nights[day]), day) for day in dated[len(older) :]),
                *(DatedExport(name if called[name := files[0].name] < 2 else str(files[0].resolve()), tuple(files))
                  for files in others)]
-    return exports, older, [pattern for pattern, found in behind.items() if not found]
+    return exports, older, nothing
 
 
 def matches(pattern: str) -> list[tuple[Path, date | None]]:
-    """Return the files behind one pattern with the date in their names (None where the pattern has none)."""
+    """Return the files behind one pattern with the date in their names: None where the pattern has none, NO_DAY for one
+    that is none of the calendar."""
     wild, expression, formats = "", "", []
     for i, piece in enumerate(_DATE.split(pattern)):  # text and date formats by turns
         if i % 2:
@@ -168,10 +177,14 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
         found = re.fullmatch(expression, name)
         if found is None or not Path(name).is_file():
             continue
-        with contextlib.suppress(ValueError):  # no date of the calendar
-            days = {datetime.strptime(*pair).date() for pair in zip(found.groups(), formats, strict=True)}
-            if len(days) <= 1:
-                out.append((Path(name), days.pop() if days else None))
+        parts = [*zip(found.groups(), formats, strict=True)]
+        try:
+            days = {*list[date | None](datetime.strptime(*pair).date() for pair in parts)}
+        except ValueError:
+            digits = all(re.fullmatch(re.sub("%.", r"\\d+", re.escape(form)), part) for part, form in parts)
+            days = {NO_DAY} if digits else {NO_DAY, None}
+        if len(days) <= 1:
+            out.append((Path(name), days.pop() if days else None))
     return out
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..record import FloatArray, Frozen, IntArray
 from .names import FORM
 
-BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "#N/A", "n/a"])  # words for an empty cell
+BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "n/a"])  # words for an empty cell
 
 
 class Lexicon(Frozen, eq=False):

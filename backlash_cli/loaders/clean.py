@@ -48,9 +48,9 @@ class Recipe(Frozen):
         """Yield the record of a long loop in chunks; the notes of the last are those of the whole."""
         joiner, axes = Joiner(self.options.good_quality), _in_turn(self.series.roles["pv"])
         pieces = [(axis, row) for axis in axes for row in range(0, len(axis), CHUNK)]
-        turns = np.cumsum([0, *(min(CHUNK, len(axis) - row) for axis, row in pieces[:-1])]) // CHUNK
-        begins = [int(axis.read(row, row + 1)[0]) for (axis, row), more in zip(
-            pieces, np.diff(turns, prepend=-1), strict=True) if more]
+        rows = np.cumsum([0, *(min(CHUNK, len(axis) - row) for axis, row in pieces[:-1])])
+        turns = zip(pieces, np.diff(rows // CHUNK, prepend=-1), strict=True)
+        begins = [int(axis.read(row, row + 1)[0]) for (axis, row), more in turns if more]
         ends = [*begins[1:], axes[-1].last() + 1]
         # a look at some places all over: the first chunk alone does not tell ranges, codes, and what is recorded
         count, share = max(1, 16 // len(axes)), CHUNK // 6 / self.rows
@@ -135,8 +135,9 @@ class _Making:
         # half of Ti is a tenth of the shortest half period that is used
         self.bridge = MAX_HOLE if Ti is None else int(min(LONGEST_FILL, max(1.0, Ti / 2.0 / grid.step * SECOND)))
         told = [*pv.notes, *add_faults(self.faults, pv.faults)]
-        if grid.start not in LIKELY and not any(note.code == "relative_time" for note in pv.times.notes):
-            told.append(noted("unlikely_dates", begin=utc_text(grid.start)))
+        odd = [stamp for stamp in (grid.start, int(self.order.stamps[-1])) if stamp not in LIKELY]
+        if odd and not any(note.code == "relative_time" for note in pv.times.notes):
+            told.append(noted("unlikely_dates", stamp=utc_text(odd[0])))
         self.notes = [*self.recipe.notes, *settings.notes, *pv.times.notes, *on_grid, *told]
         measured = self._on_grid(pv, "pv", grid)
         if self.spans is None and not np.isfinite(measured).any():
@@ -163,8 +164,7 @@ class _Making:
                        "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
             ("repeated", *STRANGE, "setpoint", "output"), ("manual",))]
-        extra = {name: values for name, items in loop.extra.items()
-                 if (values := self._disturbance(items, grid)) is not None}
+        extra = {name: own for name, items in loop.extra.items() if (own := self._disturbance(items, grid)) is not None}
         sp = np.full(len(y), np.nan) if sp is None else sp
         record = Record(loop.name, grid.start / SECOND, grid.step / SECOND, grid.index, sp, y, op, state, scaled, extra,
                         (*self.notes, *said[0], *missing, *said[1], *on_mode, *said[2]))

@@ -13,11 +13,12 @@ import pyarrow as pa
 from ..errors import InputError, some
 from ..record import Frozen
 from .cells import codes_and_words, is_number, is_text, stored, to_array
+from .grid import SECOND
 from .names import COLUMNS, FORM, SIGNALS, Tag, explained, is_column, is_whole, plain, signal_role, span_of, split_tag
 from .options import ReadOptions
 from .signals import Series
 from .states import mode_words, quality_words
-from .times import DATE, DATES, OF_DAY, is_midnight, unit_of, unit_of_day
+from .times import DATE, DATES, OF_DAY, are_whole, unit_of, unit_of_day
 
 BOUNDS, CLOCK, GROUPS, IGNORED, LOOP, PLACE, TAG, VALUE = (
     COLUMNS[kind] for kind in ("bound", "clock", "group", "ignored", "loop", "place", "tag", "value"))
@@ -213,7 +214,7 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
         clocks or u in ("", "half", *DATE))]
     whole = [i for i in columns if of_day and i not in clocks and not head.parts.get(i)]
-    dates = [i for i in whole if is_midnight(head.columns[i].slice(0, 200), head.names[i], options, head.where)]
+    dates = [i for i in whole if are_whole(head.columns[i].slice(0, 200), head.names[i], options, head.where)]
     if not clocks and (stamps := [i for i in whole if i not in dates and head.is_time(i)]):  # hours, for partitions
         dates, columns = [], stamps
     if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
@@ -223,7 +224,9 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     utc = [i for i in columns if re.search("utc|epoch", head.names[i], re.IGNORECASE)]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(FORM.later.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))
-    return (best, *halves), {*head.times, *head.parts}
+    millis = [i for i, u in head.parts.items() if u == "millis" and head.is_time(best) and are_whole(
+        head.columns[best].slice(0, 200), head.names[best], options, head.where, SECOND)]
+    return (best, *millis, *halves), {*head.times, *head.parts}
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:
@@ -286,8 +289,7 @@ def _quality_beside(head: Head, values: Collection[int]) -> dict[int, tuple[int,
         word == head.plain[i] or head.marks(i))]
     roles, kinds = [i for i in values if head.tags[i].role in SIGNALS], {words[i] for i in alike}
     of_row = len(signals) > 1 and len(kinds) == len(alike) and not any(min(signals) < i < max(signals) for i in alike)
-    marked = signals if of_row else next(
-        (own for own in (roles, signals) if len(own) == len(alike) and len(kinds) == 1), [])
+    marked = signals if of_row else next((x for x in (roles, signals) if len(x) == len(alike) and len(kinds) == 1), [])
     quality = {i: head.qualities(alike) if of_row else (alike[k],) for k, i in enumerate(marked)}
     owners, there = {(head.tags[i].loop, head.tags[i].role): i for i in roles}, {*values}
     for i in (i for i in values if not marked or i not in alike):

@@ -90,15 +90,14 @@ def in_labels(text: str) -> str:
     if not re.fullmatch(r"\w+=[^,;=]*(?:,\w+=[^,;=]*)*", text):
         return text
     labels = {plain(key): value.strip() for key, value in FORM.label.findall(text)}
-    return next((labels[key] for kind in ("loop", "tag") for key in labels if key in COLUMNS[kind]),
-                text.rpartition("=")[2])
+    return next((labels[k] for kind in ("loop", "tag") for k in labels if k in COLUMNS[kind]), text.rpartition("=")[2])
 
 
 @lru_cache(1 << 18)
 def split_tag(text: str) -> Tag:
     """Take a tag or column name apart: FIC101.PV.Quality tells the quality `of` FIC101.PV, FIC101_OUT is an output."""
-    name = FORM.glued.sub(" ", FORM.server.sub("", normalize("NFKC", text).strip()))  # wide letters, fixed blanks
-    name = name.replace('"', "") if name.startswith('"') else FORM.levels.sub(r"\1.\2", name)  # ns=3;s="FIC101"."PV"
+    name = FORM.framed.sub(r"\1", FORM.glued.sub(" ", FORM.server.sub("", normalize("NFKC", text).strip())))
+    name = FORM.compact.sub(r"\1.MODE", name.replace('"', "") if name[:1] == '"' else FORM.levels.sub(r"\1.\2", name))
     pieces = [p for p in FORM.piece.split(name.rpartition("{")[2] if len(name) <= NESTED_LIMIT else "") if p]
     if len(pieces) == 2 and signal_role(pieces[0]) and FORM.tag.fullmatch(pieces[1]):  # SP (FIC101)
         return split_tag(f"{pieces[1]}.{pieces[0]}")

@@ -91,8 +91,7 @@ class Text:
             with contextlib.suppress(BadZipFile):  # of a small part all is read: it is told below
                 magic = file.read(16)
             file.seek(0)
-            codec, opened = next((own for mark, own in _CODECS.items() if magic.startswith(mark)),
-                                 ("zip" if part else "", None))
+            codec, opened = next((own for m, own in _CODECS.items() if magic.startswith(m)), ("zip" * bool(part), None))
             stream, told = opened(file) if opened else file, 0
             read = getattr(stream, "read1", stream.read)  # no more than one piece at once
             while True:
@@ -123,10 +122,10 @@ class Text:
             head += piece
         if not head:
             raise InputError(**explained("no_data"), where=self.where)
-        if kind_of(self.path, head) == "parquet":
-            raise InputError(**explained("compressed_parquet"), where=self.where)
+        if (kind := kind_of(self.path, head)) != "text":
+            raise InputError(**explained("packed_twice", kind=kind.capitalize()), where=self.where)
         encoding = guess_encoding(head, self.path, self.options)
-        decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding == "utf-8" else "replace")
+        decoder = codecs.getincrementaldecoder(encoding)("strict" if encoding in ("utf-8", "ascii") else "replace")
         for piece in chain([head.removeprefix(codecs.BOM_UTF8)], pieces, [b""]):
             if encoding != "utf-8" or not piece.isascii() or decoder.getstate()[0]:
                 try:
@@ -135,8 +134,7 @@ class Text:
                     if encoding != "utf-8":
                         raise InputError(**explained("encoding_wrong", form=encoding, text=odd), where=where) from None
                     piece, encoding = decoder.getstate()[0] + piece, code_page(head)
-                    decoder = codecs.getincrementaldecoder(encoding)("replace")
-                    text = decoder.decode(piece)
+                    text = (decoder := codecs.getincrementaldecoder(encoding)("replace")).decode(piece)
                     self.notes.append(noted("encoding:page", encoding=encoding))
                 if "\ufffd" in text and encoding != "utf-8" and not self.notes:
                     self.notes.append(noted("encoding", encoding=encoding))
@@ -210,18 +208,18 @@ def members(path: Path | Remote) -> Sequence[tuple[str, Callable[[], Any]]]:
     return found
 
 
-def sheets(opened: Callable[[], Any], name: str, where: str, notes: list[Note]) -> Sequence[tuple[str, Any]]:
+def sheets(opened: Callable[[], Any], name: str, where: str) -> Sequence[tuple[str, Any]]:
     """Return (name, what opens it as CSV) of the sheets that hold more than a few cells: as files in a folder that is
-    called as the workbook, the only one as the workbook itself. notes: gets what to say of cells. Raises InputError."""
+    called as the workbook, the only one as the workbook itself. Raises InputError."""
     import pandas as pd
     try:
-        with opened() as file, ZipFile(io.BytesIO(file.read())) as parts:
-            book = pd.read_excel(parts.fp, sheet_name=None, header=None, engine="calamine")
-            wrong = sum(parts.read(n).count(b' t="e"') for n in parts.namelist() if n.startswith("xl/worksheets/"))
+        with opened() as file, ZipFile(io.BytesIO(file.read())) as parts, ZipFile(told := io.BytesIO(), "w") as texts:
+            for part in parts.namelist():  # errors such as #REF! as words: the library leaves their cells empty
+                texts.writestr(part, parts.read(part).replace(b' t="e"', b' t="str"'))
+        book = pd.read_excel(told, sheet_name=None, header=None, engine="calamine", na_filter=False)
     except Exception as error:  # the library raises kinds of its own for damaged workbooks
         code, problem = "no_calamine" if isinstance(error, ImportError) else "damaged_workbook", str(error).strip()
         raise InputError(**explained(code, problem=problem or type(error).__name__), where=where) from None
-    notes += [noted("error_cells", count=wrong, file=where)] * bool(wrong)
     found = [(f"{stem_of(name)}/{sheet}", partial(io.BytesIO, text.encode("utf-8-sig"))) for sheet, rows in book.items()
              if len(rows) > (len(book) > 1) and (text := rows.to_csv(header=False, index=False))]
     if not found:
@@ -294,13 +292,16 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     data = [cells(i) for i in range(first, min(first + enough, len(lines)))]
     begun = _column_kinds([row for row in data if len(row) == width], width)  # a rare tag is empty at the end
     kinds = tuple(b if k == "empty" else k for k, b in zip(kinds, begun, strict=True))
-    if not before:  # the name of the file, or a tag in every row, may say it all
+    whole = (split_tag(word) for row in before.values() for c in row for word in (c, *c.replace('"', " ").split()))
+    title = next((f"{t.loop}.{t.signal}" for t in whole if re.fullmatch(r"[^ ;,|]+", t.loop) and t.role in SIGNALS), "")
+    if all(len(row) < width for row in before.values()):  # a line above, the file's name, or a tag in every row says it
         called = ["tag" if k == "text" and all(split_tag(cell).role in SIGNALS for cell in own) else "time" if k in (
             "time", "clock") else "value" if k == "number" and (kinds.count(k) < 2 or "." in "".join(own)) else ""
                   for k, own in zip(kinds, zip(*tail, strict=True), strict=True)]  # a measurement is not whole
-        if {*called, "tag" if split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
-            before = {0: called}
-    names = header_of(before, kinds, options, where)
+        if {*called, "tag" if title or split_tag(stem).role in SIGNALS else ""} >= {"tag", "time", "value"}:
+            before = {0: called} | before
+    turn = len(cells(first)) != width and next(lines[i][0] for i in range(first, len(lines)) if len(cells(i)) == width)
+    names = header_of(before, kinds, options, where + f" (from line {turn} on rows have {width} cells)" * bool(turn))
     text.notes += [noted("header_unused")] * any(options.columns and score_names(r) > 1 for r in before.values())
     kinds = tuple("clock" if is_column(name, "clock") and kinds.count("time") > 1 and all(
         FORM.dotted.match(row[i]) for row in tail) else kinds[i] for i, name in enumerate(names))
@@ -314,8 +315,6 @@ def head_of(text: Text, stem: str, home: str) -> Head:
         raise InputError(**explained("decimal_wrong", decimal=options.decimal, number=max(every, key=len)), where=where)
     if only_commas and not options.decimal and decimal_sign(numbers, ".") == ".":
         text.notes.append(noted("decimal_comma", number=numbers[0]))
-    whole = (split_tag(c) for row in before.values() for c in row)
-    title = next((f"{t.loop}.{t.signal}" for t in whole if t.loop and " " not in t.loop and t.role in SIGNALS), "")
     above = [(name, cell.strip(" ,;")) for row in before.values() if {*map(str.strip, row)} - {*names} for name, cell
              in (*pairwise(row), *((*re.split("[:=;]", cell, maxsplit=1), "")[:2] for cell in row))]
     # "Loop: FIC101", "Tag: FIC101", [FIC101] above "PV"; "Tag: FIC101.PV" above "Value" is the title
@@ -328,8 +327,7 @@ def head_of(text: Text, stem: str, home: str) -> Head:
     told = [found[0] for form in (FORM.order, FORM.zone_told) for n, c in above if (found := form.search(f"{n} {c}"))]
     told = [" ".join(dict.fromkeys([*told, zone])).strip()]
     names = tuple(n + f" ({told[0]})" * bool(told[0] and is_column(n, "time") and n[-1] not in ")]") for n in names)
-    names = tuple(n + span_above(i, split_tag(n).role, before) * (n[-1:] not in ")]")
-                  for i, n in enumerate(names))
+    names = tuple(n + span_above(i, split_tag(n).role, before) * (n[-1:] not in ")]") for i, n in enumerate(names))
     return Head(where, stem, names, (), kinds, title if title and any(is_column(n, "value") for n in names) else loop,
                 options.decimal or decimal_sign(numbers, "," if only_commas else "."), delimiter, *lines[first][:2],
                 end, 0 if "time" in kinds else _start_of(above, kinds, options, where, stem), _interval_of(above))
@@ -419,21 +417,21 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
     if options.columns or options.header_row is not None:
         if options.columns and len(options.columns) != width:
             raise InputError(**explained("other_columns", names=len(options.columns), cells=width), where=where)
-        if not (given := list(options.columns) or before.get(options.header_row or 0)):
-            raise InputError(f"line {options.header_row} cannot be the header", where=where)
+        given = list(options.columns) or before.get(options.header_row or 0)
+        if not given or (not options.columns and score_names(given) < 0):  # numbers
+            raise InputError(**explained("no_header_row", line=options.header_row), where=where)
         return tuple(_fit(given, width))
     rows = [cells[len(cells) > width and bool(FORM.comment.fullmatch(cells[0])) :] for cells in before.values()]
     rows = [cells[1:] if len(cells) > width and kinds[0] == "time" and is_column(cells[0], "time") and is_column(
         cells[1], "time", "clock") else cells for cells in rows]  # Date, Time above cells that hold both
-    rows = [cells[:width] if is_column(cells[-1], "ignored") else cells for cells in rows]  # a remark: no cells
-    rows = [cells for cells in rows if _spans(cells, width)]
+    rows = [own for c in rows if _spans(own := c[:width] if is_column(c[-1], "ignored") else c, width)]  # no remarks
     notes = [c for c in rows if FORM.comment.match(c[0]) and not FORM.comment.fullmatch(c[0])]  # # heads numbers
     commented = [[FORM.comment.sub("", cells[0]).strip(), *cells[1:]] for cells in notes[-1:]]
     rows = [cells for cells in rows if cells not in notes] or [row for row in commented if score_names(row)]
     if not rows:
         line, cells = next(reversed(before.items()), (0, list[str]()))
         raise InputError(**explained("no_header:other" if any(cells) else "no_header", line=line, names=len(cells),
-                                     cells=width, text=" ".join(cells)[:60]), where=where)
+                                     cells=width, named=sum(map(bool, cells)), text=" ".join(cells)[:60]), where=where)
     # one cell too few: nothing stands above row numbers, or above the time of day
     unnamed = 0 if (*kinds[:2],) == ("number", "time") else kinds.index("clock") if "clock" in kinds[1:] else None
     rows = [row if len(row) != width - 1 or unnamed is None or kinds[-1] == "empty" else
@@ -463,7 +461,7 @@ def header_of(before: dict[int, list[str]], kinds: Sequence[str], options: ReadO
 def _by_legend(before: dict[int, list[str]]) -> dict[int, list[str]]:
     """Put tags in the place of a header's short names where lines before say so: A;FIC101.SP;Feed, Pen 1: FIC101.SP."""
     rows = (cells if len(cells) > 1 else re.split("[:=]", cells[0], maxsplit=1) for cells in before.values())
-    told = {cells[0].strip(" #"): tag for cells in rows if not is_whole(cells[0]) and (
+    told = {cells[0].strip(" #:"): tag for cells in rows if not is_whole(cells[0]) and (
         tag := min((cell for cell in cells[1:] if is_whole(cell)), key=lambda cell: " " in cell, default=""))}
     header = next((line for line, cells in before.items() if len({*told}.intersection(cells[1:])) > 1), None)
     return before if header is None else {header: [told.get(cell, cell) for cell in before[header]]}
@@ -473,8 +471,7 @@ def _spans(cells: list[str], width: int) -> bool:
     """A header covers the columns, give or take empty ones at the end."""
     filled = [i for i, cell in enumerate(cells) if cell.strip()]
     used = filled[-1] + 1 if filled else 1
-    return (used <= width and (len(cells) >= width - 1 or used >= max(2, width // 2))
-            and len(filled) >= max(1, min(width, 3) - 1))
+    return used <= width and (len(cells) >= width - 1 or used >= max(2, width // 2)) and len(filled) > (width > 2)
 
 
 def score_names(cells: list[str]) -> float:

@@ -216,7 +216,7 @@ def _recipe(name: str, series: LoopSeries, metadata: Metadata, options: ReadOpti
     elif values is not None and origin not in ("", name):
         notes = (noted("matched_name", origin=origin[:60], loop=name[:60]),)
     if {True, False} <= {zone for items in series.roles.values() for item in items for zone in item.axis.zones}:
-        notes += (noted("mixed_zones", others="count as UTC"),)
+        notes += (noted("mixed_zones", others="count as UTC (--timezone names their zone)"),)
     if (pv := series.roles.get("pv", [])) and (pv[0].role != "pv" or pv[0].loop.lower() != origin.lower()) and not (
             values and "pv" in values.tags):
         notes += (noted("bare_pv", tag=pv[0].tag[:60], loop=name[:60]),)

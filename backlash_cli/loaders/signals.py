@@ -38,7 +38,7 @@ class Store(Columns):
 
 class Axis(Frozen, eq=False):
     """Rows that belong together, and the `column` of their stamps, which all signals recorded in these rows share.
-    which: of the rows, or of those of a group. where: file. first_line: line of row 0. zones: as of a StampReader."""
+    which: of the rows, or of a group. where, called: file, part of it. first_line: of row 0. zones: of StampReader."""
 
     rows: Any  # of a file, with the methods `cells` and `stamps` of a Store
     column: str
@@ -46,6 +46,7 @@ class Axis(Frozen, eq=False):
     group: int = 0
     notes: tuple[Note, ...] = ()
     where: str = ""
+    called: str = ""
     first_line: int = 0
     zones: frozenset[bool | None] = frozenset()
 
@@ -202,11 +203,9 @@ def _devices(signals: Mapping[str, set[str]]) -> dict[str, str]:
 
 def explicit_tags(metadata: Metadata) -> tuple[Owners, dict[str, dict[str, str]]]:
     """Return the tags that the metadata name: tag in lower case -> (loop, role) of each, and loop -> role -> tag."""
-    explicit: Owners = {}
-    asked = {loop: values.tags for loop, values in metadata.loops.items()}
-    for loop, tags in asked.items():
-        for role, tag in tags.items():
-            explicit.setdefault(tag.lower(), []).append((loop, role))
+    explicit, asked = Owners(), {loop: values.tags for loop, values in metadata.loops.items()}
+    for loop, (role, tag) in ((loop, pair) for loop, tags in asked.items() for pair in tags.items()):
+        explicit.setdefault(tag.lower(), []).append((loop, role))
     return explicit, asked
 
 
@@ -233,9 +232,8 @@ class Joiner:
         for part in parts[1:]:
             add_faults(faults, part.faults)
         said = {(note.code, note.message): note for part in parts for note in part.notes}
-        one = parts[0] if len(parts) == 1 else agreed(Signal(
-            self.times(*(item.axis for item in chosen)), np.concatenate([part.values for part in parts]),
-            np.concatenate([part.bad for part in parts])), chosen[0].tag)
+        one = parts[0] if len(parts) == 1 else agreed(Signal(self.times(*(item.axis for item in chosen)),
+            np.concatenate([p.values for p in parts]), np.concatenate([p.bad for p in parts])), chosen[0].tag)
         units, points = changed_size(one.values) if role in ("pv", "op") else (0, 0)
         faults |= {(code, chosen[0].tag): Counter({"": count})
                    for code, count in (("unit_change", units), ("points_lost", points))}
@@ -262,7 +260,8 @@ def _times(last: list[Times], *axes: Axis) -> Times:
     """The stamps of all rows of some axes. last: files of one recording have the same ones, put on a grid once."""
     micros, rows, known = [axis.read() for axis in axes], [0, *accumulate(map(len, axes[:-1]))], last[0]
     found = Times(micros[0] if len(axes) == 1 else np.concatenate(micros), tuple(n for a in axes for n in a.notes),
-                  tuple(zip(rows, (a.where for a in axes), strict=True)), axes[0].first_line * (len(axes) == 1))
+        tuple((k, a.where + f": {a.called}" * (a.called not in a.where)) for k, a in zip(rows, axes, strict=True)),
+        axes[0].first_line * (len(axes) == 1))
     if not (known.in_order and found.notes == known.notes and np.array_equal(found.micros, known.micros)):
         last[0] = found
     return last[0]

@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import field
 from functools import cache, reduce
+from itertools import chain
 from operator import truediv
 from os import PathLike
 from pathlib import Path, PurePath
@@ -113,13 +114,16 @@ def day_of(name: str) -> str:
 def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Source]) -> list[Path | Remote]:
     """Return the metadata files of the inputs, the deepest first: NAME.loops.toml, else loops.toml, or in CSV."""
     @cache
-    def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> Path | Remote | None:
-        for file in (f"{name}.{ending}" for name in names for ending in ("toml", "csv")):
-            with contextlib.suppress(InputError, OSError):  # some stores answer "denied" for what is not there
-                if (file in beside if beside is not None else (folder / file).is_file() or (
-                        isinstance(folder, Path) and os.path.lexists(folder / file))) and folder / file not in data:
-                    return folder / file
-        return None
+    def first(folder: Path | Remote, *names: str, beside: frozenset[str] | None = None) -> list[Path | Remote]:
+        found = ([path for path in (folder / f"{name}.toml", folder / f"{name}.csv")
+                  if path not in data and there(path, beside)] for name in names)
+        return next(filter(None, found), [])
+
+    def there(path: Path | Remote, beside: frozenset[str] | None) -> bool:
+        with contextlib.suppress(InputError, OSError):  # some stores answer "denied" for what is not there
+            return path.name in beside if beside is not None else path.is_file() or (
+                isinstance(path, Path) and os.path.lexists(path))
+        return False
 
     folders, data = [path for path in map(place, inputs) if path.is_dir()], {source.path for source in sources}
     found = [first(path.parent, f"{path.name}.loops") or first(path, "loops") for path in folders]
@@ -129,7 +133,7 @@ def find_sidecars(inputs: Sequence[str | PathLike[str]], sources: Sequence[Sourc
                            beside=beside) or first(folder, "loops", beside=beside))
     if not any(found):
         found = [first(path.absolute().parent, "loops") for path in folders]
-    return sorted((path for path in dict.fromkeys(found) if path), key=lambda path: -len(PurePath(path).parts))
+    return sorted(dict.fromkeys(chain(*found)), key=lambda path: -len(PurePath(path).parts))
 
 
 def read_metadata(path: str | PathLike[str]) -> Metadata:

@@ -98,7 +98,7 @@ def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[F
     if not mode_words(texts):  # MAN may also be what the output is in manual
         flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
         return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
-    meant = (number for number, word in FORM.legend.findall(name) if FORM.automatic.fullmatch(word))
+    meant = (n for n, word in FORM.legend.findall(FORM.compact.sub("3=Auto", name)) if FORM.automatic.fullmatch(word))
     numbers, codes, words, extra, named = _numbers_or_words(cells, further, meant, all_texts=False)
     if numbers is not None:
         return _auto_numbers(numbers, named)

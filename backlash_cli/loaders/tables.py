@@ -235,7 +235,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         table: TextTable | ParquetTable | None = None
         try:
             if opened and number < given and (kind == "workbook" or name.lower().endswith(WORKBOOKS)):
-                parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}", notes)
+                parts += sheets(opened, name, str(path) if kind == "workbook" else f"{path}: {name}")
                 continue
             table = ParquetTable(path, own, options, home) if kind == "parquet" else TextTable(
                 text := Text(path, options, taken, opened), own, home)
@@ -248,8 +248,7 @@ def signals_of_file(source: Source, options: ReadOptions, needed: Callable[[Seri
         elif problem:
             problems.append(problem)
             if number < given and kind == "archive":
-                problem.where = f"{path}: {name}"
-                lost[problem.where] = problem
+                lost[f"{path}: {name}"], problem.where = problem, f"{path}: {name}"
             else:
                 notes.append(noted("passed_over", name=own, error=problem))
         elif table:
@@ -272,8 +271,8 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     kinds = [head.columns[i].type for pair in layout.stamps for i in pair]
     if not layout.naming and isinstance(table, ParquetTable) and len(kinds) == len(layout.stamps) and all(
             pa.types.is_timestamp(kind) and (kind.tz or not options.timezone) for kind in kinds):
-        axes = [Axis(table, f"v{pair[0]}", range(table.count), where=head.where, zones=frozenset([bool(kind.tz)]))
-                for pair, kind in zip(layout.stamps, kinds, strict=True)]
+        axes = [Axis(table, f"v{i}", range(table.count), where=head.where, called=head.stem,
+                     zones=frozenset([bool(k.tz)])) for (i, *_), k in zip(layout.stamps, kinds, strict=True)]
         return _on_axes(signals_of(head, layout, options, blank), axes, layout)
     if not layout.naming:  # what is still blank may be a tag of the loops file
         needed = {i for one in signals_of(head, layout, options) if is_needed(one) for i in (one.column, *one.marks)}
@@ -315,7 +314,7 @@ def _signals(table: TextTable | ParquetTable, layout: Layout, options: ReadOptio
     for piece in raw.emptied():
         store.add({**piece, **{f"t{k}": clock(piece[f"t{k}"][:]) for k, clock in enumerate(clocks)}})
     store.lexicons = {f"v{i}": Lexicon(list(found), head.decimal) for i, found in words.items() if found}
-    axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where,
+    axes = [Axis(store, f"t{k}", range(store.rows().sum()), notes=reader.all_notes, where=head.where, called=head.stem,
                  first_line=head.first_line, zones=reader.zones) for k, reader in enumerate(readers)]
     if layout.naming:
         tags = _tags(keys, any(head.plain[i] in LOOP for i in layout.naming[:-1]))
@@ -406,8 +405,7 @@ def _one_clock(store: Store, column: str, tags: int) -> tuple[list[tuple[int, in
     if not 0 < len(back) <= FEW:
         return [], []
     usual = int(np.argmax(counts[1:]))
-    times, values = (np.concatenate([piece[name][:][piece["group"][:] == usual] for piece in store.pieces])
-                     for name in ("t0", column))
+    times, values = (np.concatenate([p[n][:][p["group"][:] == usual] for p in store.pieces]) for n in ("t0", column))
     clock: list[Note] = []
     with contextlib.suppress(BacklashError):
         clock = [note for note in ordered(times, values).notes if note.code in CLOCK_CODES]

@@ -171,7 +171,9 @@ class StampReader:
         self._start, self._from = start, np.datetime64(start // SECOND, "s")
         self._of_day: int | None = None  # last time of day without a date, counted on past midnight
         self._doubled = self._skipped = self._back = 0  # rows in the hour shown twice, in one never shown; steps back
-        self._zone = ZoneInfo(options.timezone) if options.timezone else zone_of(self.name)  # without an offset
+        own, named = zone_of(self.name), options.timezone  # of stamps without an offset
+        self._zone = ZoneInfo(named) if named else own
+        self.notes += [noted("zone_overruled", own=own, zone=named)] * bool(own and named and str(own) != named)
         self._last, self._within = -LIMIT, False  # stamp of the last row, and whether it lay in such an hour
 
     def take(self, columns: Sequence[pa.ChunkedArray]) -> IntArray:
@@ -433,8 +435,8 @@ def unit_of_day(column: pa.ChunkedArray, name: str) -> str:
     return form if digits else unit if np.max(known, initial=0.0) * _UNITS[unit][0] <= DAY else ""
 
 
-def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str) -> bool:
-    """Say whether the stamps of a column are dates without a time of day. Raises InputError."""
+def are_whole(column: pa.ChunkedArray, name: str, options: ReadOptions, where: str, unit: int = DAY) -> bool:
+    """Say whether stamps are dates without a time of day, or whole units [microseconds]. Raises InputError."""
     if is_number(column.type):  # 20260317, 260317, 46098
         known = (values := stored(column, {})[0])[np.isfinite(values)]
         days = np.any([(known >= low) & (known < high) for low, high in WORDS["stamps"]["dates"]], axis=0)
@@ -442,7 +444,7 @@ def is_midnight(column: pa.ChunkedArray, name: str, options: ReadOptions, where:
         return bool(len(known) and np.all(days & (known % 1 == 0)) and (repeated or known[0] >= 1.9e7))
     stamps = np.array(StampReader([name], options, where).take([column]))
     is_open, _, stamps[is_open], _ = _open_dates(stamps)
-    return not np.any(stamps[stamps != NAT] % DAY)
+    return not np.any(stamps[stamps != NAT] % unit)
 
 
 def unit_of(known: FloatArray, name: str) -> str:

@@ -62,14 +62,18 @@ def parse_model(text: str, where: str = "model file") -> Model:
     """Return the model that the text of a model file describes. Raises MetadataError with file, line and the nearest
     known names for whatever is not understood."""
     page = checked(parsed(text, where), ModelPage, where, text, words=REMEDIES)
-    for key in ("pv_range", "op_range", "output"):
-        span = getattr(page, key)
-        if span is not None and not span[0] < span[1]:
-            raise MetadataError(f"{key} must rise", where=line_of(text, where, key), remedy=REMEDIES[key])
     known = {key: getattr(page, key) for key in PLAIN}
     # a time without a zone is UTC
     known |= {k: (v if v.tzinfo else v.replace(tzinfo=UTC)).timestamp() for k, v in known.items()
               if isinstance(v, datetime)}
+    rising = {key: known[key] for key in ("pv_range", "op_range", "output")} | {"end": (known["start"], known["end"])}
+    for key, span in rising.items():
+        if span is not None and None not in span and not span[0] < span[1]:
+            what = "end lies before start" if key == "end" else f"{key} must rise"
+            raise MetadataError(what, where=line_of(text, where, key), remedy=REMEDIES.get(key, "mend one of them"))
+    if page.baseline.Kp == 0.0:
+        where = line_of(text, where, "baseline", "Kp")
+        raise MetadataError("with Kp = 0 OP moves nothing", where=where, remedy=REMEDIES["Kp"])
     return Model(**known, **msgspec.structs.asdict(page.baseline),
                  effects=tuple(_effect(entry, partial(line_of, text, where, "effects", place))
                                for place, entry in enumerate(page.effects)))

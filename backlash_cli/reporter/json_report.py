@@ -79,8 +79,7 @@ def iso_time(epoch: float | None) -> str | None:
     """Return UTC epoch seconds as ISO 8601 text, with a fraction only where there is one; None if not a date.
 
     >>> iso_time(0.0), iso_time(1.5), iso_time(math.nan)
-    ('1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500Z', None)
-    """
+    ('1970-01-01T00:00:00Z', '1970-01-01T00:00:01.500Z', None)"""
     return iso_times([epoch])[0]
 
 

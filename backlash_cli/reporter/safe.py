@@ -24,8 +24,7 @@ def terminal(text: object, limit: int = 2000) -> str:
     """Return `text` on one line with control characters, escape sequences and direction marks made visible.
 
     >>> terminal("FIC\\n101\\x1b[31m")
-    'FIC\\\\n101\\\\e[31m'
-    """
+    'FIC\\\\n101\\\\e[31m'"""
     return shorten(visible(str(text)), limit)
 
 
@@ -47,8 +46,7 @@ def clip(text: object, limit: int) -> str:
     """Return a message for a terminal, ended after a whole word when it is longer than `limit` characters.
 
     >>> clip("any dead band would look the same", 20)
-    'any dead band …'
-    """
+    'any dead band …'"""
     shown = visible(str(text))
     kept = shown[: limit - 1]
     return shown if len(shown) <= limit else kept[: kept.rfind(" ") + 1 or None] + "…"
@@ -58,8 +56,7 @@ def spreadsheet(value: object) -> object:
     """Return a cell that no spreadsheet runs as a formula: such a text gets an apostrophe in front.
 
     >>> spreadsheet("=HYPERLINK(1)"), spreadsheet("FIC101"), spreadsheet(-0.5)
-    ("'=HYPERLINK(1)", 'FIC101', -0.5)
-    """
+    ("'=HYPERLINK(1)", 'FIC101', -0.5)"""
     if not isinstance(value, str):
         return value
     cleaned = visible(value, kept="\t\r\n")
@@ -95,8 +92,7 @@ def file_names(names: Iterable[str]) -> dict[str, str]:
     the file system ignores upper and lower case.
 
     >>> file_names(["FIC101", "../../etc/x", "fic101"])
-    {'FIC101': 'FIC101', '../../etc/x': 'etc_x-56da1a2e', 'fic101': 'fic101-1b4fc58a'}
-    """
+    {'FIC101': 'FIC101', '../../etc/x': 'etc_x-56da1a2e', 'fic101': 'fic101-1b4fc58a'}"""
     given: dict[str, str] = {}
     taken = {""}
     for name in dict.fromkeys(names):

@@ -122,8 +122,7 @@ def quantity(p: FittedParameter, stage: str, settings: LoopSettings, start: floa
     start: epoch seconds from which the times of several events count.
 
     >>> quantity(FittedParameter(0.0302, "span", (0.0295, 0.031)), "valve", LoopSettings())
-    '3.02 % of OP span (95 %: 2.95 to 3.10 %)'
-    """
+    '3.02 % of OP span (95 %: 2.95 to 3.10 %)'"""
     if isinstance(p.value, tuple):
         if p.unit == "s" and start is not None and start > A_DATE:
             return clock_times([start + t for t in p.value])
@@ -213,8 +212,7 @@ def several(effect: FittedEffect, settings: LoopSettings) -> str:
 
     >>> times, sizes = FittedParameter((60.0, 90.0), "s"), FittedParameter((0.02, -0.031), "OP span")
     >>> several(FittedEffect("load_step", {"times": times, "sizes": sizes}), LoopSettings())
-    'at 2 times, up to -3.10 %'
-    """
+    'at 2 times, up to -3.10 %'"""
     lists = [p for p in effect.parameters.values() if isinstance(p.value, tuple) and not p.nuisance]
     amounts = [one for p in lists if p.unit != "s" for one in _each(p)]
     if len(lists) < 2 or not amounts:
@@ -234,7 +232,6 @@ def fill(template: str, values: Mapping[str, str]) -> str:
     """Put values into the {name} places of a sentence; of a name that is not known it says so.
 
     >>> fill("The gap is {d}, {x}.", {"d": "3 %"})
-    'The gap is 3 %, none.'
-    """
+    'The gap is 3 %, none.'"""
     filled = re.sub(r"\{(\w*)[^{}]*\}", lambda place: values.get(place[1], "none"), template)
     return re.sub("[{}]", "", filled)

@@ -35,8 +35,7 @@ def series_to_ideal(K: float, Ti: float, Td: float) -> Tuning:
     """Convert an interacting controller K' (1 + 1/(s Ti')) (1 + s Td') to the ideal form.
 
     >>> series_to_ideal(2.0, 8.0, 2.0)
-    Tuning(K=2.5, Ti=10.0, Td=1.6)
-    """
+    Tuning(K=2.5, Ti=10.0, Td=1.6)"""
     return Tuning(K * (Ti + Td) / Ti, Ti + Td, Ti * Td / (Ti + Td))
 
 
@@ -58,8 +57,7 @@ def seconds(value: Any, key: str) -> float:
     """Return a time in seconds from 28.0, "28 s", "0.5 min", "0.01 h" or, as repeats, "2 /min".
 
     >>> seconds("0.5 min", "Ti"), seconds("2 /min", "Ti")
-    (30.0, 30.0)
-    """
+    (30.0, 30.0)"""
     match = _QUANTITY.match(value) if isinstance(value, str) else None
     if match is None or not match[2]:
         return number(value, key)

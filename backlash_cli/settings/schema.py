@@ -167,8 +167,9 @@ def merge(parts: Iterable[Metadata]) -> Metadata:
         files.extend(part.files)
         defaults = {**part.defaults, **defaults}
         for name, values in part.loops.items():
-            if name in loops and dict(loops[name].values) != dict(values.values):
-                conflicts.append(f"{name}: {loops[name].where} and {values.where} differ; the first is used")
+            first = loops.get(name, values)  # "40" in a table is 40.0
+            if len({re.sub(r"\.0\b|'", "", str(sorted(one.values.items()))) for one in (first, values)}) > 1:
+                conflicts.append(f"{name}: {first.where} and {values.where} differ; the first is used")
             loops.setdefault(name, values)
     return Metadata(loops, defaults, tuple(files), tuple(conflicts))
 

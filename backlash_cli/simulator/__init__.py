@@ -3,8 +3,7 @@
 >>> scenario = Scenario(Controller(K=1.2, Ti=2.2, Td=1.2), Process(lags=(1, 1, 1, 1)), duration=10, step=0.01,
 ...                     effects=(use("backlash", d=0.05), use("load_step", times=[1.0], sizes=[0.2])))
 >>> len(simulate(scenario))
-1000
-"""
+1000"""
 
 from .controller import Compensator, Controller, Scheme
 from .loop import Trace, export, simulate, trace

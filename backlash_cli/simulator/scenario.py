@@ -102,12 +102,13 @@ class Scenario(Frozen):
                 raise MetadataError(f"{name} = {getattr(self, name):g} s is not possible", where=self.name,
                                     remedy="give seconds: duration above 0, step at most as long")
         if max(self.duration, self.process.dead_time) / self.step > 5e7:
-            raise MetadataError("more than 50 million inner steps", where=self.name, remedy="enlarge step")
+            remedy = "shorten duration, or enlarge step"
+            raise MetadataError("more than 50 million inner steps", where=self.name, remedy=remedy)
         if not max(abs(self.output), abs(self.setpoint.level)) < LARGEST:
             raise MetadataError(f"output {self.output:g} or setpoint level {self.setpoint.level:g} is not possible",
                                 where=self.name, remedy="signals are normalised: 0..1 of their spans")
-        if not np.isfinite([*self.pv_range, *self.op_range]).all():
-            raise MetadataError("ranges must be finite", where=self.name)
+        if not all(-np.inf < low < high < np.inf for low, high in (self.pv_range, self.op_range)):
+            raise MetadataError("ranges must be finite, and rise", where=self.name, remedy="low first: [0, 900]")
         if self.seed < 0:
             raise MetadataError(f"seed = {self.seed} is not possible", where=self.name, remedy="0, 1, 2, ...")
         if unknown := [h for h in self.hidden if h not in ("K", "Ti", "Td", "Tf", "Kp", "theta")]:

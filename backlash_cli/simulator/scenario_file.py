@@ -183,8 +183,7 @@ def parse_process(text: str) -> Process:
 
     >>> found = parse_process("K=1.3, T=20, T2=3, L=2")
     >>> found.gain, found.lags, found.dead_time
-    (1.3, (20.0, 3.0), 2.0)
-    """
+    (1.3, (20.0, 3.0), 2.0)"""
     if text.endswith(".toml"):
         table = read_toml(text)
         return build(Process, table.get("process", table), text)

@@ -226,3 +226,33 @@ def test_a_loop_that_is_lost_and_a_damaged_export_are_named_with_the_reason(capf
     (job / "loops.toml").write_text("[loops.F1]\nK = 0\nTi = 10.0\n")
     done = run(capfd, "nightly", job / "n.toml")
     assert done.status == 3 and "not analysed" in done.err and "K must not be zero" in done.err
+
+
+def test_an_incomplete_export_is_told_each_time(capfd, job):
+    export(job, 1)
+    text = (job / "p_2026-03-01.csv").read_text().replace("F1.OP", "F1.OP,F2.SP,F2.PV,F2.OP")
+    (job / "p_2026-03-01.csv").write_text(text.replace(",40\n", ",40,1,,3\n"))
+    for _ in range(2):
+        done = run(capfd, "nightly", job / "n.toml")
+        assert done.status == 3 and "; incomplete 2026-03-01" in done.out
+
+
+def test_two_exports_of_one_night_that_differ_are_told(capfd, job):
+    export(job, 1, seed=5)
+    (job / "p_2026-03-01.csv").rename(job / "again.csv")
+    export(job, 1)
+    (job / "n.toml").write_text(CONFIG.replace('["p_{date}.csv"]', '["p_{date}.csv", "again.csv"]'))
+    done = run(capfd, "nightly", job / "n.toml")
+    assert "; revised by again.csv" in done.out or "; revised by 2026-03-01" in done.out
+    assert "revised by" not in run(capfd, "nightly", job / "n.toml").out
+
+
+def test_an_export_of_a_day_that_no_calendar_has_is_named(capfd, job):
+    export(job, 1)
+    (job / "p_2026-02-30.csv").write_text((job / "p_2026-03-01.csv").read_text())
+    (job / "p_copy-of-old.csv").write_text("no day at all")
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 3 and "no export found p_2026-02-30.csv (no such day)" in done.out and "copy" not in done.out
+    (job / "p_2026-03-01.csv").unlink()
+    done = run(capfd, "nightly", job / "n.toml")
+    assert done.status == 2 and "p_2026-02-30.csv (no such day)" in done.err

@@ -258,3 +258,18 @@ def test_nothing_to_scan_is_one_message_that_names_the_demo(capfd, plant):
     done = run(capfd, "scan")
     assert done.status == 2 and "nothing to scan" in done.err and "--demo" in done.err
     assert "do not fit together" in run(capfd, "scan", plant, "--demo").err
+
+
+def test_two_files_of_settings_are_refused(capfd, tmp_path):
+    (tmp_path / "x.csv").write_text("time,F1.SP,F1.PV\n" + ROWS)
+    for name in "ab":
+        (tmp_path / f"{name}.toml").write_text("[loops.F1]\nK = 1.0\n")
+    done = run(capfd, "scan", tmp_path / "x.csv", "--loops", tmp_path / "a.toml", "--loops", tmp_path / "b.toml")
+    assert done.status == 2 and "two files of loop settings are given" in done.err
+
+
+def test_the_whole_reason_of_a_loop_that_is_lost_stands_below_the_table(capfd, tmp_path):
+    rows = ROWS.replace("\n", ",1,2\n")
+    (tmp_path / "x.csv").write_text("time,F1.SP,F1.PV,F9.SP,F9.OP\n" + rows)
+    done = run(capfd, "scan", tmp_path / "x.csv", "--no-confirm")
+    assert done.status == 3 and "times, lists or records" in " ".join(done.out.split())

@@ -17,10 +17,11 @@ def touch(folder, *names):
 
 
 def test_files_of_one_date_are_one_night(tmp_path):
-    touch(tmp_path, "a_2026-03-01.csv", "b_2026-03-01.csv", "a_2026-03-03.csv", "a_2026-13-01.csv", "notes.txt")
+    touch(tmp_path, "a_2026-03-01.csv", "b_2026-03-01.csv", "a_2026-03-03.csv", "a_2026-13-01.csv", "a_2026_03_011.csv",
+          "a_20260301_1.csv", "notes.txt")
     patterns = [str(tmp_path / name) for name in ("a_{date}.csv", "b_{date}.csv", "c_{date}.csv")]
     found, older, nothing = find_exports(patterns)
-    assert nothing == patterns[2:]
+    assert nothing == [*patterns[2:], "a_2026-13-01.csv (no such day)"]
     assert older == []
     assert [(e.name, len(e.files)) for e in found] == [("2026-03-01", 2), ("2026-03-03", 1)]
     assert missing_days(e.name for e in found) == ["2026-03-02"]

@@ -218,3 +218,12 @@ def test_a_loop_that_only_defaults_hold_for_is_not_said_to_have_no_settings(tmp_
         assert said in " ".join(note.message for note in (*plant.warnings, *plant["A"].notes))
         given = plant["A"].settings.Kp
         assert given == (2.0 if "defaults" in text else None)
+
+
+def test_of_settings_beside_the_data_in_both_forms_the_toml_counts_and_says_so(tmp_path):
+    data, _ = tmp_path / "plant.csv", (tmp_path / "plant.loops.toml").write_text("[loops.F1]\nK = 0.6\nTi = 40.0\n")
+    for K, told in (("0.6", 0), ("0.3", 1)):
+        (tmp_path / "plant.loops.csv").write_text(f"loop,K,Ti\nF1,{K},40\n")
+        data.write_text("")
+        found = merge(map(read_metadata, find_sidecars([data], [Source(data)])))
+        assert found.loops["F1"].values["K"] == 0.6 and len(found.conflicts) == told

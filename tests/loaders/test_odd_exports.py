@@ -343,12 +343,39 @@ def test_cells_with_an_error_of_excel_are_told(tmp_path):
     rows = wide_rows()
     for row in rows[50:400:70]:
         row[2] = "#REF!"
-    plant = read(book(tmp_path, {"Data": rows}))
-    assert ["5 cells" in note.message and "plant.xlsx" in note.message for note in plant.warnings
-            if note.code == "error_cells"] == [True]
-    record = plant["FIC101"]
+    record = read(book(tmp_path, {"Data": rows}))["FIC101"]
+    assert [note.message for note in record.notes if note.code == "not_numbers"] == [
+        "5 cells of FIC101.PV are no good numbers, or have an odd unit: #REF! (5)"]
     assert np.isfinite(record.measurement).sum() >= ROWS - 5 and len(record) == ROWS
-    assert "error_cells" not in codes(read(book(tmp_path, {"Data": wide_rows()})).warnings)
+    assert "compressed" not in codes(record.notes)
+    assert "not_numbers" not in codes(read(book(tmp_path, {"Data": wide_rows()}))["FIC101"].notes)
+
+
+def test_cells_with_an_error_that_excel_itself_writes_are_told(tmp_path):
+    """As Excel keeps them: a cell of the kind "e", which the library reads as an empty one."""
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    rows = wide_rows()
+    for row in rows[50:400:70]:
+        row[2] = "#N/A"
+    path = book(tmp_path, {"Data": rows})
+    with zipfile.ZipFile(path) as old:
+        parts = {name: old.read(name) for name in old.namelist()}
+    with zipfile.ZipFile(path, "w") as new:
+        for name, text in parts.items():
+            new.writestr(name, re.sub(rb'<c r="(C\d+)"[^>]*>(?:(?!</c>).)*#N/A(?:(?!</c>).)*</c>',
+                                      rb'<c r="\1" t="e"><v>#N/A</v></c>', text))
+    record = read(path)["FIC101"]
+    assert [note.message for note in record.notes if note.code == "not_numbers"] == [
+        "5 cells of FIC101.PV are no good numbers, or have an odd unit: #N/A (5)"]
+
+
+def test_two_sheets_that_contradict_each_other_are_named(tmp_path):
+    pytest.importorskip("python_calamine", reason="python-calamine is not installed: pip install 'backlash[excel]'")
+    rows, others = wide_rows(), wide_rows()
+    for row in others[1:]:
+        row[2] = str(float(row[2]) * 1.1)
+    (lost,) = read(book(tmp_path, {"Data": rows, "Copy": others})).failures
+    assert re.search(r"FIC101.*plant\.xlsx: Data and .*plant\.xlsx: Copy\)", lost.message)
 
 
 @pytest.mark.parametrize(("unit", "span"), [("mA", (4.0, 20.0)), ("psi", (3.0, 15.0))])
@@ -372,7 +399,7 @@ def test_an_hour_that_a_zone_skips_is_told(tmp_path):
 def test_lists_in_parquet_are_no_numbers(tmp_path):
     table = pa.table({"time": STAMPS, "F1.SP": [1.0] * ROWS, "F1.PV": [[1.0]] * ROWS, "F1.OP": [5.0] * ROWS})
     pq.write_table(table, tmp_path / "plant.parquet")
-    with pytest.raises(BacklashError, match=r"600 cells of F1\.PV are no good numbers: list<element: double>"):
+    with pytest.raises(BacklashError, match=r"600 cells of F1\.PV are no good numbers.*: list<element: double>"):
         read(tmp_path / "plant.parquet")
 
 
@@ -1572,3 +1599,123 @@ def test_times_of_day_far_from_a_start_are_of_the_clock(tmp_path):
     text = wide(lambda t: f"{dt.datetime(2000, 1, 1, 6) + (t - STAMPS[0]):%H:%M:%S}")
     record = read(save(tmp_path, f"Start time,2026-03-14 22:00:00\n\n{text}"))["FIC101"]
     assert record.start == dt.datetime(2026, 3, 14, 6, tzinfo=dt.UTC).timestamp()
+
+
+@pytest.mark.parametrize("header", ["Millitm", "ms", "Millisekunden"])
+def test_milliseconds_in_a_column_beside_date_and_time(tmp_path, header):
+    """As SCADA systems keep them: whole seconds, and beside them the milliseconds."""
+    half = [STAMPS[0] + timedelta(milliseconds=2500 * i + 250) for i in range(ROWS)]
+    first, *rows = wide().splitlines()
+    lines = [first.replace("timestamp", f"DateAndTime,{header}"), *(
+        f"{t:%Y-%m-%d %H:%M:%S},{t.microsecond // 1000},{row.partition(',')[2]}"
+        for t, row in zip(half, rows, strict=True))]
+    record = read(save(tmp_path, "\n".join(lines)))["FIC101"]
+    assert record.interval == 2.5 and len(record) == ROWS
+    assert record.start == half[0].replace(tzinfo=dt.UTC).timestamp()
+    equals_the_recording(record)
+
+
+def test_milliseconds_of_stamps_that_have_their_own_are_not_added(tmp_path):
+    half = [STAMPS[0] + timedelta(milliseconds=2500 * i) for i in range(ROWS)]
+    first, *rows = wide().splitlines()
+    lines = [first.replace("timestamp", "DateAndTime,ms"), *(
+        f"{t:%Y-%m-%d %H:%M:%S.%f},{t.microsecond // 1000},{row.partition(',')[2]}"
+        for t, row in zip(half, rows, strict=True))]
+    record = read(save(tmp_path, "\n".join(lines)))["FIC101"]
+    assert record.interval == 2.5 and len(record) == ROWS
+
+
+@pytest.mark.parametrize("names", [
+    ("Setpoint", "反馈值", "阀位输出"), ("Завдання", "Виміряне значення", "Вихід"), ("Val_SP", "Val_PV", "Val_CV"),
+    ("SP.rValue", "PV.rValue", "CV.rValue")])
+def test_signals_under_names_of_more_systems(tmp_path, names):
+    text = wide()
+    for old, new in zip(("SP", "PV", "OP"), names, strict=True):
+        text = text.replace(f".{old}", f".{new}")
+    record = read(save(tmp_path, text))["FIC101"]
+    equals_the_recording(record)
+    assert np.isfinite(record.output).all() and np.isfinite(record.setpoint).all()
+
+
+@pytest.mark.parametrize(("header", "manual", "automatic"), [("SWM", "1", "0"), ("MODE.TARGET", "MAN", "AUTO")])
+def test_modes_under_names_of_more_systems(tmp_path, header, manual, automatic):
+    first, *rows = wide().splitlines()
+    words = [manual if 100 <= i < 200 else automatic for i in range(ROWS)]
+    lines = [f"{first},FIC101.{header}", *(f"{row},{word}" for row, word in zip(rows, words, strict=True))]
+    state = read(save(tmp_path, "\n".join(lines)))["FIC101"].state
+    assert (state[100:200] == SampleState.MANUAL).all() and (state[200:] != SampleState.MANUAL).all()
+
+
+def test_points_that_lines_above_name_with_a_colon(tmp_path):
+    first, *rows = wide().splitlines()
+    tags = first.split(",")[1:]
+    above = "".join(f'"Point_{k}:","{tag}","","1 sec"\n' for k, tag in enumerate(tags, 1))
+    header = ",".join(["Date", *(f"Point_{k}" for k in range(1, len(tags) + 1))])
+    equals_the_recording(read(save(tmp_path, "\n".join([above + header, *rows])))["FIC101"])
+
+
+def test_remarks_and_lists_of_tags_beside_the_exports_are_no_exports(tmp_path):
+    path = save(tmp_path, wide())
+    (tmp_path / "notes.txt").write_text("FIC101 valve was repaired.\n")
+    (tmp_path / "TagList.csv").write_text("Tag,Description\nFIC101.PV,Feed flow\n")
+    plant = read(tmp_path)
+    assert not plant.failures and [r.loop for r in plant] == [r.loop for r in read(path)]
+
+
+def test_a_header_row_of_numbers_is_refused(tmp_path):
+    with pytest.raises(BacklashError, match="line 3 cannot be the header: it is empty, or holds numbers"):
+        read(save(tmp_path, wide()), options=ReadOptions(header_row=3))
+
+
+def test_the_line_from_which_on_rows_have_other_cells_is_named(tmp_path):
+    first, *rows = wide().splitlines()
+    lines = [first, *rows[:200], *(row.rpartition(",")[0].rpartition(",")[0] for row in rows[200:])]
+    with pytest.raises(BacklashError, match=r"plant\.csv \(from line 202 on rows have 5 cells\)"):
+        read(save(tmp_path, "\n".join(lines)))
+
+
+def test_an_archive_in_an_archive_is_refused(tmp_path):
+    inner = io.BytesIO()
+    with zipfile.ZipFile(inner, "w") as archive:
+        archive.writestr("plant.csv", wide())
+    with zipfile.ZipFile(tmp_path / "plant.zip", "w") as archive:
+        archive.writestr("in.zip", inner.getvalue())
+    with pytest.raises(BacklashError, match=r"in\.zip: Archive file inside a compressed file or an archive"):
+        read(tmp_path / "plant.zip")
+
+
+def test_a_zone_that_the_header_names_and_an_option_overrules_is_told(tmp_path):
+    text = wide(lambda t: f"{t:%Y-%m-%d %H:%M:%S}").replace("timestamp", "Time (UTC+05:00)")
+    notes = {zone: [n.message for n in read(save(tmp_path, text), options=ReadOptions(timezone=zone))["FIC101"].notes
+                    if n.code == "zone_overruled"] for zone in ("Europe/Berlin", None)}
+    assert notes == {"Europe/Berlin": [
+        "the file names the zone UTC+05:00, and --timezone Europe/Berlin, which is used"], None: []}
+
+
+def test_rows_dated_far_in_the_future_are_told(tmp_path):
+    late = [t.replace(year=2062) if 100 <= i < 300 else t for i, t in enumerate(STAMPS)]
+    first, *rows = wide().splitlines()
+    text = "\n".join([first, *(f"{iso(t)},{row.partition(',')[2]}" for t, row in zip(late, rows, strict=True))])
+    assert "unlikely_dates" in codes(read(save(tmp_path, text))["FIC101"].notes)
+
+
+@pytest.mark.parametrize("head", [
+    "{}", "[{}]", "# {}", "{}:", "# tag: {}", r"\\PISRV\{}", 'Series: "{}" (%)\nTime,Value'])
+def test_tables_of_one_tag_each_below_a_line_that_names_it(tmp_path, head):
+    blocks = ["\n".join([head.format(tag), *(f"{iso(t)},{x}" for t, x in zip(STAMPS, values, strict=True))])
+              for tag, values in SIGNALS.items()]
+    plant = read(save(tmp_path, "\n\n".join(blocks) + "\n"))
+    assert [record.loop for record in plant] == ["FIC101", "PIC303"]
+    for record in plant:
+        np.testing.assert_allclose(record.measurement * record.settings.pv_range[1], SIGNALS[f"{record.loop}.PV"])
+        assert np.isfinite(record.setpoint).all() and np.isfinite(record.output).all()
+
+
+def test_the_state_of_a_compact_controller_tells_its_mode(tmp_path):
+    """Siemens' PID_Compact: state 3 is automatic, 4 manual."""
+    first, *rows = wide().splitlines()
+    states = [4 if 100 <= i < 200 else 3 for i in range(ROWS)]
+    header = f"{first},FIC101.State".replace("FIC101", "PID_Compact_1")
+    state = read(save(tmp_path, "\n".join([header, *(f"{row},{s}" for row, s in zip(rows, states, strict=True))])))[
+        "PID_Compact_1"].state
+    assert (state[100:200] == SampleState.MANUAL).all() and (state[200:] != SampleState.MANUAL).all()

@@ -47,7 +47,7 @@ def test_a_model_comes_back_as_it_was_and_says_what_its_numbers_are():
     assert "# Play in the valve linkage" in text
 
 
-@given(st.text(min_size=1), finite, st.floats(1e-3, 1e6), finite, st.floats(0, 0.5), st.text())
+@given(st.text(min_size=1), finite.filter(bool), st.floats(1e-3, 1e6), finite, st.floats(0, 0.5), st.text())
 def test_any_names_and_numbers_come_back(loop, gain, tau, offset, d, column):
     effects = (
         ModelEffect("backlash", {"d": float(f"{d:.8g}")}),
@@ -73,6 +73,9 @@ def test_a_short_file_by_hand_is_enough():
     ("tau = 20.0", "tau = -3", 6, "tau = -3 is not possible -> give one number: time constant [s]"),
     ("tau = 20.0", "tau = '20'", 6, "tau = '20' is not possible -> give one number"),
     ("tau = 20.0", "tau = 20.0\ntheta = -1", 7, "theta = -1 is not possible"),
+    ("Kp = 1.3", "Kp = 0", 5, "with Kp = 0 OP moves nothing"),
+    ('loop = "FIC101"', 'loop = "FIC101"\nstart = 2026-03-02T08:00:00Z\nend = 2026-03-02T06:00:00Z', 4,
+     "end lies before start"),
     ("tau = 20.0", "tau = 20.0 s", 6, "not valid TOML"),
     ('"backlash"', '"backlsh"', 9, "no effect 'backlsh' -> did you mean backlash"),
     ('"stiction"', "3", 12, "names no effect"),

@@ -63,6 +63,7 @@ def test_named_scenarios_run(name):
         ("lags = [20, 2]", "lags = [20, -2]", r"loops.FIC1\] process: a lag of -2 s"),
         ("gain = 1.3", "gian = 1.3", r"process: unknown key 'gian' -> did you mean gain"),
         ("output = 0.3", "outptu = 0.3", "unknown key 'outptu' -> did you mean output"),
+        ("pv_range = [0, 900]", "pv_range = [900, 0]", r"ranges must be finite, and rise -> low first"),
         ("[simulation]", "[simulations]", "unknown key 'simulations' -> did you mean simulation"),
         ("d = 0.03", "dd = 0.03", "effects: backlash has no parameter 'dd' -> did you mean d"),
         ("d = 0.03", "d = -0.03", "-0.03 is not possible"),
