@@ -94,7 +94,7 @@ def checked(values: Any, kind: type[T], where: str, text: str = "", *way: str | 
         quoted = re.findall("`([^`]+)`", said)
         if "unknown field" in said:
             raise MetadataError(f"unknown key {quoted[0]!r}", where=line_of(text, where, *way, *keys, quoted[0]),
-                                remedy=f"{nearest(quoted[0], _keys(kind))} {remedy}".rstrip()) from None
+                remedy=(words or {}).get(quoted[0], f"{nearest(quoted[0], _keys(kind))} {remedy}".rstrip())) from None
         if "missing" in said:
             add = f"add [{quoted[0]}]" if _keys(kind)[quoted[0]] else f"add {quoted[0]} = ..."
             raise MetadataError(f"{quoted[0]} is missing", where=line_of(text, where, *way, *keys),

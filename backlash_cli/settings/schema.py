@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import MetadataError, nearest
 from ..record import Frozen, LoopSettings, Note
 from ..toml_text import Page, checked, line_of, parsed, ways_of
-from ..words import explained, noted
+from ..words import WORDS, explained, noted
 from .pid_forms import RIVALS, number, seconds, to_ideal
 
 ROLE_KEYS = ("sp", "pv", "op", "mode")
@@ -157,7 +157,8 @@ def check_keys(values: Mapping[str, Any], line_of: Any) -> None:
     """Raise MetadataError for a key that is not known, with the nearest known ones."""
     for key in values:
         if key not in LOOP_KEYS:
-            raise MetadataError(f"unknown key {key!r}", where=line_of(key), remedy=nearest(key, LOOP_KEYS))
+            remedy = WORDS["unknown_settings"].get(key.lower()) or nearest(key, LOOP_KEYS)
+            raise MetadataError(f"unknown key {key!r}", where=line_of(key), remedy=remedy)
 
 
 def merge(parts: Iterable[Metadata]) -> Metadata:

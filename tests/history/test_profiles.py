@@ -64,6 +64,7 @@ def test_paths_are_relative_to_the_configuration(tmp_path):
     (GOOD + '[outputs]\nscan = "s.json"', "needs its date"), (GOOD + '[outputs]\nscan = "{date}.doc"', ".doc"),
     (GOOD + '[outputs]\nreprt = "x"', "did you mean report"), (GOOD + '[log]\nformat = "xml"', "text, json"),
     (GOOD + '[reading]\ntimezon = "x"', "timezone"), (GOOD + '[reading]\nheader_row = "1"', "header_row"),
+    (GOOD + '[reading]\ntimezone = "Mars/Olympus"', "n.toml, line 4: no time zone 'Mars/Olympus'"),
     (GOOD + '[reading]\nauto_modes = "BLK"', "a list"), (GOOD + "[reading]\ndelimiter = 5", "delimiter = 5"),
     ("inputs = [3]\nhistory = 'h'", "text in quotes"), ("[", "TOML"),
 ])

@@ -51,6 +51,8 @@ def test_names_match_without_case():
     ("text", "where", "words"),
     [("[loops.A]\nK = 1\nTii = 3\n", "f.toml, loop A, line 3", "did you mean.*Ti"),
      ("[loop.A]\nK = 1\n", "f.toml, line 1", "did you mean loops"),
+     ("[loops.A]\naction = 'direct'\n", "f.toml, loop A, line 2", "the action is the sign of K"),
+     ("[loops.A]\npv_low = 0\n", "f.toml, loop A, line 2", r"give both ends: pv_range = \[0, 900\]"),
      ("[loops.A\nK = 1\n", "f.toml, line 1", "TOML"),
      ("[loops.A]\nK = 0,95\n", "f.toml, line 2", "decimal point"),
      ("[loops.A]\nK = 1\n[loops.A]\nK = 2\n", "f.toml, line 3", "TOML"),

@@ -73,6 +73,7 @@ def test_a_short_file_by_hand_is_enough():
     ("tau = 20.0", "tau = -3", 6, "tau = -3 is not possible -> give one number: time constant [s]"),
     ("tau = 20.0", "tau = '20'", 6, "tau = '20' is not possible -> give one number"),
     ("tau = 20.0", "tau = 20.0\ntheta = -1", 7, "theta = -1 is not possible"),
+    ('loop = "FIC101"', "[loops.FIC101]", 2, "settings of loops are no model: give them to --loops"),
     ("Kp = 1.3", "Kp = 0", 5, "with Kp = 0 OP moves nothing"),
     ('loop = "FIC101"', 'loop = "FIC101"\nstart = 2026-03-02T08:00:00Z\nend = 2026-03-02T06:00:00Z', 4,
      "end lies before start"),
