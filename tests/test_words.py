@@ -38,7 +38,7 @@ def test_nothing_unfinished_and_no_private_place(words):
 
 def test_no_stub_functions_in_the_package():
     """A function whose body says nothing but `pass`, `...` or NotImplementedError promises what is not there."""
-    found = []
+    found, nothing = [], [ast.dump(n) for n in ast.parse("pass\n...").body]
     for path in project_files():
         if path.suffix != ".py" or "backlash_cli" not in path.parts:
             continue
@@ -50,7 +50,7 @@ def test_no_stub_functions_in_the_package():
             if isinstance(node, ast.FunctionDef):
                 body = [n for n in node.body if not (isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant)
                                                      and isinstance(n.value.value, str))]
-                if body and all(ast.unparse(n) in ("pass", "...") for n in body):
+                if body and all(ast.dump(n) in nothing for n in body):
                     found.append(f"{path.name}:{node.lineno} {node.name}")
     assert not found, found
 
