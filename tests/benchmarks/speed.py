@@ -2,6 +2,7 @@
 
     python -m tests.benchmarks.speed [LOOPS]
 
+A wide CSV, the same as Parquet, and a third of the loops as rows of tag, time and value.
 Start-up is taken off (every step runs once on a small file first); one thread each. What is compared runs in turn,
 because the same work takes half as long again from one minute to the next on a shared machine; a ratio is the median
 of those of the rounds, with the smallest and the largest beside it. The baseline `plain_pandas` makes the same estimate
@@ -26,7 +27,7 @@ import pyarrow.parquet as pa_parquet
 from backlash_cli import ScanOptions, scan_files
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.loaders.signals import Joiner
-from tests.benchmarks.made_plant import DAY, write
+from tests.benchmarks.made_plant import DAY, write, write_long
 from tests.benchmarks.plain_pandas import dead_bands
 
 ROUNDS = 7
@@ -63,10 +64,12 @@ def ratios(path: Path, loops: int) -> None:
     ratio, full = rounds["quick"] / rounds["alone"], cpu(lambda: scan_files(path, jobs=1), 1)
     steps = {"pyarrow alone": alone, "open": opened, "records": read - opened, "estimates": quick - read,
              "confirmation": full - quick}
-    print(f"{path.suffix[1:]}: " + ", ".join(f"{name} {1e9 * t / samples:.0f}" for name, t in steps.items())
+    print(f"{path.name}: " + ", ".join(f"{name} {1e9 * t / samples:.0f}" for name, t in steps.items())
           + f" ns a loop-sample; --no-confirm {ratio.median():.2f} ({ratio.min():.2f} to {ratio.max():.2f}) times "
           f"pyarrow alone ({1e3 * quick / loops:.1f} ms a loop-day), full verdict {full / alone:.2f} times "
           f"({1e3 * full / loops:.1f} ms)", flush=True)
+    if path.stem == "long":
+        return
     plain = cpu(lambda: dead_bands(path), 1)
     print(f"plain pandas program, the estimate alone: {plain / quick:.1f} times --no-confirm, {plain / full:.1f} times "
           "full verdict")
@@ -77,11 +80,11 @@ def main() -> None:
     pa.set_cpu_count(1)
     print(f"{loops} loops of a day at 1 s, {os.cpu_count()} cores, one used")
     with tempfile.TemporaryDirectory() as folder:
-        for suffix in ("csv", "parquet"):
-            small = write(Path(folder, f"small.{suffix}"), 2, 0.2)
-            scan_files(small, jobs=1)
+        for name, make, count in (("wide.csv", write, loops), ("wide.parquet", write, loops),
+                                  ("long.csv", write_long, max(1, loops // 3))):
+            scan_files(make(Path(folder, f"small-{name}"), 2, 0.2), jobs=1)
             gc.freeze()  # as the command does: the program itself holds no garbage
-            ratios(write(Path(folder, f"plant.{suffix}"), loops, 1.0), loops)
+            ratios(make(Path(folder, name), count, 1.0), count)
 
 
 if __name__ == "__main__":
