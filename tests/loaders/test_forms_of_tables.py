@@ -328,6 +328,7 @@ def noticed(tmp_path, **changed):
     ({"OP": np.where(K < 200, SIGNALS["OP"], SIGNALS["OP"] / 100)}, "unit_change"),
     ({r: np.where(K < 200, SIGNALS[r], SIGNALS[r] * 4.403) for r in ("SP", "PV")}, "unit_change"),
     ({"PV": np.where(K < 60, SIGNALS["PV"] * 3.6, SIGNALS["PV"])}, "unit_change"),
+    ({"PV": np.where(K < 60, 3.6, 1.0) * SIGNALS["PV"] * (1.0 + 0.1 * np.sin(K / 9.0))}, "unit_change"),
     ({"PV": np.where(K % 10 < 9, 1000, 1) * SIGNALS["PV"]}, "points_lost"),
     ({"OP": np.where(K % 7 < 5, 1000, 1) * SIGNALS["OP"]}, "points_lost")])
 def test_doubtful_units_are_said(tmp_path, changed, code):

@@ -1627,12 +1627,12 @@ def test_milliseconds_of_stamps_that_have_their_own_are_not_added(tmp_path):
 
 @pytest.mark.parametrize("names", [
     ("Setpoint", "反馈值", "阀位输出"), ("Завдання", "Виміряне значення", "Вихід"), ("Val_SP", "Val_PV", "Val_CV"),
-    ("SP.rValue", "PV.rValue", "CV.rValue")])
+    ("SP.rValue", "PV.rValue", "CV.rValue"), ("Main.SP,Trend1", "Main.PV,Trend1", "Main.Out,Trend1")])
 def test_signals_under_names_of_more_systems(tmp_path, names):
-    text = wide()
+    text = wide().replace(",", ";")
     for old, new in zip(("SP", "PV", "OP"), names, strict=True):
-        text = text.replace(f".{old}", f".{new}")
-    record = read(save(tmp_path, text))["FIC101"]
+        text = text.replace(f".{old}", f":{new}" if "," in new else f".{new}")
+    (record,) = [record for record in read(save(tmp_path, text)) if record.loop.startswith("FIC101")]
     equals_the_recording(record)
     assert np.isfinite(record.output).all() and np.isfinite(record.setpoint).all()
 
