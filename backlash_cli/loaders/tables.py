@@ -101,7 +101,7 @@ class TextTable:
 
         def on_bad_row(row: pa_csv.InvalidRow) -> str:
             lines, text = 1 + row.text.count("\n"), row.text[:KEPT] * (len(self._bad) < SHOWN)
-            self._bad.append((row.expected_columns, row.actual_columns, lines, text))
+            self._bad += [(row.expected_columns, row.actual_columns, lines, text)] * (not FORM.footer.match(row.text))
             self.named_again |= score_names(split_line(row.text, self.head.delimiter)) > 0
             return "skip"
 

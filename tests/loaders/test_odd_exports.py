@@ -1719,3 +1719,11 @@ def test_the_state_of_a_compact_controller_tells_its_mode(tmp_path):
     state = read(save(tmp_path, "\n".join([header, *(f"{row},{s}" for row, s in zip(rows, states, strict=True))])))[
         "PID_Compact_1"].state
     assert (state[100:200] == SampleState.MANUAL).all() and (state[200:] != SampleState.MANUAL).all()
+
+
+@pytest.mark.parametrize("footer", [
+    "(600 rows)", "600 rows selected.", "(600 rows affected)", "600 rows in set (0.02 sec)"])
+def test_what_a_data_base_says_below_its_rows_is_no_lost_row(tmp_path, footer):
+    plant = read(save(tmp_path, f"{wide()}\n{footer}\n"))
+    assert "ragged_rows" not in codes(plant.warnings) and len(plant["FIC101"]) == ROWS
+    assert "ragged_rows" in codes(read(save(tmp_path, f"{wide()}\n600,rows\n")).warnings)
