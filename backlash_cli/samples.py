@@ -9,7 +9,7 @@ from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile,
 from .words import WORDS, noted
 
 MAX_HOLE = 5  # absent samples that may be bridged
-BEYOND = 0.5  # spans outside the range at which a measurement is no longer believed
+BEYOND, OP_BEYOND = 0.5, 0.1  # spans outside the range at which a measurement is no longer believed, an output doubted
 APART, MOSTLY = 1.0 / 3.0, 0.95  # spans between SP and PV that are no control error in this share of a record
 LIMIT_RUN = 3  # samples at the limit that make saturation
 RESTS, LEAST_LEVELS, HALF_AS_FAR = 0.2, 20, 0.5  # so long an output of so many levels stands at no end
@@ -209,12 +209,12 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
     """Say how many of all "samples" are of these kinds, in order."""
     found, samples = [], counts["samples"]
     for kind in filter(counts.get, kinds):
-        if kind in STRANGE and counts[kind] < MOSTLY * samples:
+        if counts[kind] < MOSTLY * samples if kind in STRANGE else kind == "beyond" and counts[kind] == samples:
             continue
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))
         else:
-            effect = {"effect": "blocks"} if kind in STRANGE else {}
+            effect = {"effect": "blocks"} if kind in STRANGE else {"effect": "limits"} if kind == "beyond" else {}
             code = "frozen:all" if kind == "frozen" and counts[kind] == samples else _KINDS[kind][1]
             found.append(noted(code, {"samples": float(counts[kind]), **effect}, of=samples))
     return found
@@ -234,6 +234,7 @@ def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArra
              "mirrored": mirrored, "wild": wild, "filled": filled, "repeated": pasted(pv), "frozen": frozen(y),
              "lost": missing & wild, "missing": missing & ~wild, "interpolated": interpolated,
              "saturated": None if op is None else saturated(op, off),
+             "beyond": None if op is None else np.abs(op - 0.5) > 0.5 + OP_BEYOND,
              "setpoint": None if sp is None else ~np.isfinite(sp), "output": None if op is None else ~np.isfinite(op)}
     state = np.zeros(len(index), np.uint8)
     for name, (value, _) in _KINDS.items():

@@ -106,9 +106,8 @@ def _with_limits(decision: Decision, f: Findings) -> Decision:
 
 def _with_test(f: Findings, c: Confirmation, automatic: Decision) -> Decision:
     """What a test in manual adds to the verdict from automatic operation."""
-    storage = tuple(replace(note, values={**note.values, "effect": LIMITED}) for note in f.quality
-                    if note.code in STORAGE or (note.values.get("effect") == LIMITED
-                                                and not note.code.startswith("settings_")))  # in manual K is not used
+    storage = tuple(replace(n, values={**n.values, "effect": LIMITED}) for n in f.quality if n.code in STORAGE or (
+        n.values.get("effect") == LIMITED and not n.code.startswith("settings_")))  # in manual K is not used
     of_test = replace(f, oscillation=(0.0, 0.0), quality=storage)
     tested = replace(_with_limits(_from_confirmation(of_test, c), of_test), confirmation=c)
     span, tests, evidence = (float(c.details[name]) for name in ("output_range", "recordings", "evidence"))

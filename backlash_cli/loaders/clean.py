@@ -163,7 +163,7 @@ class _Making:
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
-            ("repeated", *STRANGE, "setpoint", "output"), ("manual",))]
+            ("repeated", *STRANGE, "beyond", "setpoint", "output"), ("manual",))]
         extra = {name: own for name, items in loop.extra.items() if (own := self._disturbance(items, grid)) is not None}
         sp = np.full(len(y), np.nan) if sp is None else sp
         record = Record(loop.name, grid.start / SECOND, grid.step / SECOND, grid.index, sp, y, op, state, scaled, extra,

@@ -73,7 +73,7 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         stamps, rows, values = stamps[turn], rows[turn], values[turn]
     repeats = np.flatnonzero(np.diff(stamps) == 0)
     differ, of_file = _differ(values[repeats], values[repeats + 1], values), np.searchsorted(firsts, rows, side="right")
-    between = repeats[differ & (np.diff(of_file)[repeats] != 0)]  # other values in another file
+    between = repeats[differ & (across := np.diff(of_file)[repeats] != 0)]  # other values in another file
     which = " and ".join(files[i][1] for i in of_file[between[0] : between[0] + 2]) if len(between) else ""
     coarse = len(repeats) and differ.mean() > 0.5 and not which and not len(back)
     if coarse and (spread := _spread_evenly(stamps, values)) is not None:
@@ -83,7 +83,7 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         conflicts = int(differ.sum())
         more = f", {conflicts} of them with another value" * (conflicts > 0) + f" ({which})" * bool(which)
         notes.append(noted("duplicate_times", {"rows": float(len(repeats)), "conflicts": float(conflicts)}, more=more))
-        if conflicts > 0.4 * (len(stamps) - bool(which) * len(repeats)):
+        if conflicts > 0.4 * (len(stamps) - bool(which) * len(repeats)) or 2 * len(between) > max(20, across.sum()):
             at, code = utc_text(stamps[repeats[differ][0]]), "files_differ" if which else "coarse_times"
             raise LoopError(**explained(code, rows=conflicts, at=at, files=which))
         # of rows with one stamp the first, or the first that holds a value

@@ -210,9 +210,8 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if not (columns := head.times):
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
-    halves = [i for i, unit in head.parts.items() if unit == "half"]
-    of_day = clocks[:1] + [i for i, u in head.parts.items() if u == "millis" or not (
-        clocks or u in ("", "half", *DATE))]
+    halves, parts = [i for i, unit in head.parts.items() if unit == "half"], head.parts
+    of_day = clocks[:1] + [i for i, u in parts.items() if u == "millis" or not (clocks or u in ("", "half", *DATE))]
     whole = [i for i in columns if of_day and i not in clocks and not head.parts.get(i)]
     dates = [i for i in whole if are_whole(head.columns[i].slice(0, 200), head.names[i], options, head.where)]
     if not clocks and (stamps := [i for i in whole if i not in dates and head.is_time(i)]):  # hours, for partitions

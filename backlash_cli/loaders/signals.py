@@ -136,8 +136,7 @@ class Signal(Frozen, eq=False):
 
 def by_loop(series: Sequence[Series], metadata: Metadata) -> dict[str, LoopSeries]:
     """Assign every series to a loop; tags named in the metadata go where it says."""
-    explicit, asked = explicit_tags(metadata)
-    loops: dict[str, LoopSeries] = {}
+    (explicit, asked), loops = explicit_tags(metadata), dict[str, LoopSeries]()
 
     def own(name: str) -> LoopSeries:
         return loops.setdefault(name, LoopSeries(name))

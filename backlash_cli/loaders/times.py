@@ -254,9 +254,11 @@ class StampReader:
             own, turned = days[order], days["mdy" if order == "dmy" else "dmy"]
             goes_on, *others = (np.abs(b[1:] - a[:-1]) <= np.timedelta64(most, "D") for a, b, most in (
                 (own, own, 3), (own, turned, 1), (turned, own, 1)))  # a spreadsheet turns what it takes for dates
-            if not self.form and np.any(wrong := ~goes_on & np.any(others, axis=0)):
-                raise InputError(**explained("dates_turned", column=self.name, order=order, day=np.where(
-                    np.isnat(own), turned, own)[np.argmax(wrong)]), where=self.where)
+            if np.any(wrong := ~goes_on & np.any(others, axis=0)):
+                told = {"column": self.name, "order": order, "day": np.where(np.isnat(own), turned, own)[:-1][wrong][0]}
+                if not self.form:
+                    raise InputError(**explained("dates_turned", **told), where=self.where)
+                self.notes.append(noted("dates_turned", **told))
         zone = self._zone if False in self._zones else None
         asked, form = self.options.timezone, order * (order in ("dmy", "mdy") and not self._open)
         self.notes += [noted("timezone_unused", zone=asked)] * (bool(asked) and False not in self._zones)

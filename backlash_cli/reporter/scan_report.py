@@ -93,10 +93,13 @@ def scanned(result: ScanResult, records: Mapping[str, Record], *, folder: bool =
     loops have figures, all have numbers."""
     reports = by_size(result.loops)
     counts = Counter(r.verdict for r in reports)
-    kinds: dict[str, dict[str, Note]] = {}  # code of a warning -> loop -> its first one
+    kinds: dict[str, dict[str, Note]] = {}  # code of a warning -> loop -> its first one; the worst loop stands first
     for report in reports:
         for note in report.warnings:
             kinds.setdefault(note.code, {}).setdefault(report.loop, note)
+    for code, found in kinds.items():
+        weight = {loop: sum(v for v in note.values.values() if isinstance(v, float)) for loop, note in found.items()}
+        kinds[code] = {loop: found[loop] for loop in sorted(found, key=weight.__getitem__, reverse=True)}
     shown, cut = reports[:DRAWN], not folder and len(reports) > DRAWN
     points = POINTS if folder else min(POINTS, POINTS * FINE // max(1, len(shown)))
     starts, ends = ([t for r in reports if (t := getattr(r, edge)) is not None] for edge in ("start", "end"))

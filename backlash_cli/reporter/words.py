@@ -189,10 +189,9 @@ def numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = 
                      if not p.nuisance and p.value not in off and (p.value or p.unit != SWITCH)}
 
 
-def said_numbers(effect: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False
-                 ) -> str:
+def said_numbers(one: FittedEffect, settings: LoopSettings, start: float | None = None, *, brief: bool = False) -> str:
     """The same on one line."""
-    return ", ".join(f"{k} = {v}" for k, v in numbers(effect, settings, start, brief=brief).items())
+    return ", ".join(f"{k} = {v}" for k, v in numbers(one, settings, start, brief=brief).items())
 
 
 def events(effect: FittedEffect, settings: LoopSettings, start: float | None

@@ -1727,3 +1727,35 @@ def test_what_a_data_base_says_below_its_rows_is_no_lost_row(tmp_path, footer):
     plant = read(save(tmp_path, f"{wide()}\n{footer}\n"))
     assert "ragged_rows" not in codes(plant.warnings) and len(plant["FIC101"]) == ROWS
     assert "ragged_rows" in codes(read(save(tmp_path, f"{wide()}\n600,rows\n")).warnings)
+
+
+def test_a_part_of_an_output_far_outside_its_range_is_told(tmp_path):
+    first, *rows = wide().splitlines()
+    place = first.split(",").index("FIC101.OP")
+    cells = [row.split(",") for row in rows]
+    for row in cells[300:400]:
+        row[place] = f"{10 * float(row[place]):g}"
+    record = read(save(tmp_path, "\n".join([first, *map(",".join, cells)])))["FIC101"]
+    (told,) = [note for note in record.notes if note.code == "op_beyond"]
+    assert told.values == {"samples": 100.0, "effect": "limits"}
+
+
+def test_an_order_that_is_stated_for_dates_that_are_turned_on_the_way_is_doubted(tmp_path):
+    """The 3rd of May as month and day, and the 4th, from midnight on, as day and month."""
+    clocks = iter([dt.datetime(2026, 5, 4) + timedelta(seconds=i - ROWS // 2) for i in range(ROWS)])
+    text = wide(lambda t: (at := next(clocks)).strftime(f"{'%m/%d' if at.day == 3 else '%d/%m'}/%Y %H:%M:%S"))
+    plant = read(save(tmp_path, text), options=ReadOptions(time_format="mdy"))
+    assert "dates_turned" in codes(plant["FIC101"].notes)
+
+
+def test_two_files_that_contradict_each_other_where_they_overlap_are_refused(tmp_path):
+    first, *rows = wide().splitlines()
+    place = first.split(",").index("FIC101.PV")
+    cells = [row.split(",") for row in rows]
+    save(tmp_path, "\n".join([first, *map(",".join, cells[:400])]), "day1.csv")
+    for row in cells[300:]:
+        row[place] = f"{float(row[place]) + 20:g}"
+    save(tmp_path, "\n".join([first, *map(",".join, cells[300:])]), "day2.csv")
+    plant = read(tmp_path)
+    assert [record.loop for record in plant] == ["PIC303"]
+    assert [note.code for note in plant.failures] == ["files_differ"]

@@ -90,3 +90,9 @@ def test_a_long_reason_ends_after_a_whole_word():
     shown = " ".join(to_text(result(found)).split())
     words = shown[shown.index("PV does not answer"): shown.index(" …")].split()
     assert words == message.split()[: len(words)]
+
+
+def test_the_worst_of_the_loops_that_share_a_warning_is_shown():
+    few, many = (Note("bad_quality", f"{n:g} samples have bad quality", {"samples": n}) for n in (5.0, 900.0))
+    said = to_text(result(report("LARGE", 0.05, warnings=(few,)), report("small", 0.01, warnings=(many,))))
+    assert "bad_quality, small (and 1 more loop): 900 samples have bad quality" in said
