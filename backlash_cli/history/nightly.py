@@ -182,7 +182,7 @@ def matches(pattern: str) -> list[tuple[Path, date | None]]:
             days = {*list[date | None](datetime.strptime(*pair).date() for pair in parts)}
         except ValueError:
             digits = all(re.fullmatch(re.sub("%.", r"\\d+", re.escape(form)), part) for part, form in parts)
-            days = {NO_DAY} if digits else {NO_DAY, None}
+            days = {NO_DAY} if digits else {NO_DAY, None}  # of other letters it is no export of a night
         if len(days) <= 1:
             out.append((Path(name), days.pop() if days else None))
     return out
