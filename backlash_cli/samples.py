@@ -209,7 +209,7 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
     """Say how many of all "samples" are of these kinds, in order."""
     found, samples = [], counts["samples"]
     for kind in filter(counts.get, kinds):
-        if counts[kind] < MOSTLY * samples if kind in STRANGE else kind == "beyond" and counts[kind] == samples:
+        if (kind in STRANGE and counts[kind] < MOSTLY * samples) or (kind == "beyond" and counts[kind] == samples):
             continue
         if kind == "wild" and counts[kind] > 0.5 * samples:
             found.append(noted("outside_range", percent=100 * counts[kind] / samples))

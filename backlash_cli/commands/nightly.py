@@ -115,10 +115,10 @@ def open_log(path: Path | None, form: str) -> Iterator[Log]:
 
 def _exports(config: NightlyConfig, done: Done) -> list[DatedExport]:
     """Return the exports; note in `done` the days for which there is none, and those too old to be looked at."""
-    found, done[OLDER], done[NOTHING] = find_exports(config.inputs, config.together, config.look_back)
+    found, done[OLDER], done[NOTHING] = find_exports(config.inputs, together=config.together,
+                                                     look_back=config.look_back)
     if not found:
-        patterns = ", ".join(done[NOTHING] or config.inputs)
-        raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=patterns)
+        raise refusal(InputError, "no_export", f"{config.path}, inputs", patterns=", ".join(done[NOTHING]))
     files = [path for export in found for path in export.files]
     check_places(config, found, [*files, *(Path(str(one)) for one in find_sidecars(files, find_sources(files)))])
     done["missing"] = missing_days(e.name for e in found if e.date)

@@ -133,7 +133,7 @@ def check_places(config: NightlyConfig, exports: Sequence[DatedExport], read: It
         raise MetadataError(**explained("one_file_twice", file=twice.name), where=str(config.path))
 
 
-def find_exports(patterns: Iterable[str], together: bool = False, look_back: int = 14
+def find_exports(patterns: Iterable[str], *, together: bool = False, look_back: int = 14
                  ) -> tuple[list[DatedExport], list[str], list[str]]:
     """Return exports in the order of their dates, the names of those over `look_back` days before the newest, and what
     gives none: patterns that no file matches, files of a day that no calendar has.

@@ -210,22 +210,22 @@ def stamp_columns(head: Head, options: ReadOptions) -> tuple[Sequence[int], set[
     if not (columns := head.times):
         raise InputError(**explained("no_time_column"), where=head.where)
     clocks = [i for i in columns if pa.types.is_time(head.columns[i].type) or head.kinds[i] == "clock"]
-    halves, parts = [i for i, unit in head.parts.items() if unit == "half"], head.parts
+    parts, halves = head.parts, [i for i, unit in head.parts.items() if unit == "half"]
     of_day = clocks[:1] + [i for i, u in parts.items() if u == "millis" or not (clocks or u in ("", "half", *DATE))]
-    whole = [i for i in columns if of_day and i not in clocks and not head.parts.get(i)]
+    whole = [i for i in columns if of_day and i not in clocks and not parts.get(i)]
     dates = [i for i in whole if are_whole(head.columns[i].slice(0, 200), head.names[i], options, head.where)]
     if not clocks and (stamps := [i for i in whole if i not in dates and head.is_time(i)]):  # hours, for partitions
         dates, columns = [], stamps
-    if all(head.parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
-        dates = [i for i, unit in head.parts.items() if unit in DATE]
+    if all(parts.get(i) or i in clocks or head.plain[i] == "index" for i in columns):  # no whole stamps
+        dates = [i for i, unit in parts.items() if unit in DATE]
     if dates and of_day:
-        return (*dates[: None if head.parts.get(dates[0]) else 1], *of_day, *halves), {*head.times, *head.parts}
+        return (*dates[: None if parts.get(dates[0]) else 1], *of_day, *halves), {*head.times, *parts}
     utc = [i for i in columns if re.search("utc|epoch", head.names[i], re.IGNORECASE)]
     best = min(utc or columns, key=lambda i: (not head.is_time(i), bool(FORM.later.match(head.plain[i])),
                                               not is_column(head.names[i], "time")))
-    millis = [i for i, u in head.parts.items() if u == "millis" and head.is_time(best) and are_whole(
+    millis = [i for i, u in parts.items() if u == "millis" and head.is_time(best) and are_whole(
         head.columns[best].slice(0, 200), head.names[best], options, head.where, SECOND)]
-    return (best, *millis, *halves), {*head.times, *head.parts}
+    return (best, *millis, *halves), {*head.times, *parts}
 
 
 def name_columns(head: Head, texts: list[int]) -> tuple[int, ...]:

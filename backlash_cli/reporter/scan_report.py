@@ -21,7 +21,7 @@ from .report import LoopPart, Report
 from .safe import entitled, file_names
 from .tables import csv_parts, to_dataframe
 from .templates import sentence
-from .words import MARKS, VERDICTS, by_size, excluded, moment, percent, size
+from .words import MARKS, VERDICTS, advice, by_size, excluded, moment, percent, size
 
 DRAWN = 40  # loops in the picture of the plant, and with figures of their own in a single file; a folder has no limit
 FINE = 12  # of them with lines as fine as a screen; more share the room, so that a page stays below 3 MB
@@ -100,19 +100,19 @@ def scanned(result: ScanResult, records: Mapping[str, Record], *, folder: bool =
     for code, found in kinds.items():
         weight = {loop: sum(v for v in note.values.values() if isinstance(v, float)) for loop, note in found.items()}
         kinds[code] = {loop: found[loop] for loop in sorted(found, key=weight.__getitem__, reverse=True)}
-    shown, cut = reports[:DRAWN], not folder and len(reports) > DRAWN
+    shown, cut, room = reports[:DRAWN], not folder and len(reports) > DRAWN, 120  # characters of a reason in the table
     points = POINTS if folder else min(POINTS, POINTS * FINE // max(1, len(shown)))
     starts, ends = ([t for r in reports if (t := getattr(r, edge)) is not None] for edge in ("start", "end"))
     first, last = (moment(min(starts)), moment(max(ends))) if starts and ends else (None, None)
     content = {"result": result, "reports": reports, "shown": shown, "cut": cut, "kinds": kinds, "colours": _COLOURS,
                "said": ", ".join(f"{counts[v]} {words}" for v, words in VERDICTS.items() if counts[v]),
-               "undecided": sum(counts[v] for v in UNDECIDED)}
+               "undecided": sum(counts[v] for v in UNDECIDED), "room": room, "cut_short": [
+                   r.reasons[0] for r in reports if r.verdict is Verdict.ERROR and len(advice(r)) > room]}
     return Report("scan", entitled("Dead band report", result.inputs), content,
-                  drawn=lambda: {"picture": plant_picture(shown)},
-                  subtitle=sentence("made", len(reports), first, last), loops=lambda: [
-        LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
-                 partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
-        for place, r in enumerate(reports)])
+                  drawn=lambda: {"picture": plant_picture(shown)}, subtitle=sentence("made", len(reports), first, last),
+                  loops=lambda: [LoopPart(r.loop, MARKS[r.verdict], sentence("brief", r), "loop.html",
+                                          partial(_evidence, r, {} if cut and place >= DRAWN else records, points))
+                                 for place, r in enumerate(reports)])
 
 
 def _evidence(r: LoopReport, records: Mapping[str, Record], points: int) -> dict[str, Any]:
