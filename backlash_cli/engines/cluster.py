@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
+Say = Callable[[str], None]
 
 ANSWER = 5.0  # seconds in which a scheduler has to answer
 WORKERS = 60.0  # seconds in which an empty cluster has to get its first worker
@@ -39,8 +40,7 @@ _GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # l
 
 
 @contextlib.contextmanager
-def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str], None] = lambda text: None
-              ) -> Iterator[Client]:
+def connected(scheduler: str | None, jobs: int | None = None, say: Say = lambda text: None) -> Iterator[Client]:
     """Give a client of the cluster at `scheduler`, or of `jobs` processes on this machine that end with the block.
 
     say: is told what takes long. Raises UsageError when Dask is not installed, BacklashError when no scheduler
@@ -54,17 +54,20 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
     for name in ("distributed", "tornado", "asyncio", "bokeh"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     with contextlib.ExitStack() as stack:
-        cluster, wanted = None, 1
+        cluster, wanted, where = None, 1, f"--scheduler {scheduler}"
         if scheduler is not None:
             try:
-                client = Client(scheduler, timeout=ANSWER, name="backlash")
+                for left in reversed(range(ATTEMPTS)):
+                    # Dask trips over the work that another client cancels while it greets this one
+                    with contextlib.suppress(*([AssertionError] if left else [])):
+                        client = Client(scheduler, timeout=ANSWER, name="backlash")
+                        break
             except ValueError as error:
-                raise UsageError(**explained("no_address", problem=error), where=f"--scheduler {scheduler}") from None
+                raise UsageError(**explained("no_address", problem=error), where=where) from None
             except Exception as error:
-                raise BacklashError(**explained("no_scheduler", problem=_said(error)),
-                                    where=f"--scheduler {scheduler}") from None
+                raise BacklashError(**explained("no_scheduler", problem=_said(error)), where=where) from None
             stack.callback(client.close, timeout=5)
-            _check_workers(client, scheduler, say)
+            _check_workers(client, scheduler, where, say)
         else:
             wanted = jobs or cores()
             stack.enter_context(dask.config.set(_LOCAL))
@@ -83,9 +86,8 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Callable[[str
         yield client
 
 
-def _check_workers(client: Client, scheduler: str, say: Callable[[str], None]) -> None:
+def _check_workers(client: Client, scheduler: str, where: str, say: Say) -> None:
     """See that there are workers, and that they have the same backlash. Raises BacklashError when not."""
-    where = f"--scheduler {scheduler}"
     if not client.scheduler_info(n_workers=-1)["workers"]:
         say(f"the scheduler at {scheduler} has no workers yet; waiting up to {WORKERS:g} s")
         nudge = client.submit(int, 0, pure=False)  # a cluster that adapts itself starts workers when there is work
@@ -115,8 +117,7 @@ def version_here() -> str:
     return __version__
 
 
-def watch(client: Any, cluster: Any, wanted: int, say: Callable[[str], None], ended: threading.Event,
-          pause: float = PAUSE) -> None:
+def watch(client: Any, cluster: Any, wanted: int, say: Say, ended: threading.Event, pause: float = PAUSE) -> None:
     """See that there are workers until `ended`. A process of ours that dies while it starts may not be started again by
     Dask: then there is a new one. cluster: ours, None for others', whose workers can only be waited for."""
     missing, said = 0, False

@@ -243,7 +243,6 @@ def _straight_runs(index: IntArray, values: FloatArray, step: float, span: float
     first, after = runs(straight)
     lengths, rises = after - first, np.abs(values[after + 1] - values[first])
     line = (lengths >= LEAST_RUN - 2) & (rises > max(4.0 * step, VISIBLE * span))
-    if (np.count_nonzero(line) < LEAST_KINKS or kinks < LEAST_KINKS
-            or between > 0.3 * min(np.count_nonzero(straight), kinks)):
+    if min(line.sum(), kinks) < LEAST_KINKS or between > 0.3 * min(straight.sum(), kinks):
         return 0.0, 1.0, 0.0
     return (float(lengths[line].sum()) / len(values), float(np.mean(lengths[line] + 1)), quantile(rises[line], 0.1))

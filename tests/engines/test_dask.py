@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -14,7 +15,7 @@ import pyarrow.csv
 import pytest
 
 from backlash_cli.api import scan, scan_files
-from backlash_cli.engines.cluster import watch
+from backlash_cli.engines.cluster import connected, watch
 from backlash_cli.engines.local import with_samples
 from backlash_cli.errors import BacklashError, UsageError
 from backlash_cli.history.unfinished import Unfinished
@@ -56,6 +57,24 @@ def on(client, plant, reading=None, change=lambda recipe: recipe, **more):
     """The scan of a plant on the cluster. change: of each recipe before it is sent."""
     opened = open_plant([plant / "set"], options=reading, salt="")
     return scan(replace(opened, recipes=tuple(map(change, opened.recipes))), QUICK, client=client, **more)
+
+
+@pytest.mark.parametrize("times", [2, 3])
+def test_a_greeting_that_dask_trips_over_is_tried_again(client, monkeypatch, times):
+    """Dask asserts that its greeting comes alone; work that another client cancels at that moment comes with it."""
+    left = [AssertionError] * times
+
+    def tripping(*args, **options):
+        if left:
+            raise left.pop()
+        return distributed_client(*args, **options)
+
+    distributed = pytest.importorskip("distributed")
+    distributed_client = distributed.Client
+    monkeypatch.setattr(distributed, "Client", tripping)
+    with nullcontext() if times == 2 else pytest.raises(BacklashError, match="no scheduler answers"), \
+            connected(client.cluster.scheduler_address) as found:
+        assert found.status == "running"
 
 
 class Deadly:
