@@ -3,6 +3,7 @@
 import importlib
 import os
 import sys
+import traceback
 from functools import lru_cache
 
 import numpy as np
@@ -24,8 +25,7 @@ def load_effect(name: str) -> Effect:
         return _from_module(name)
     known = {effect.name: effect for effect in all_effects()}
     if name not in known:
-        remedy = nearest(name, known) + " (list: backlash effects); one of your own is given as MODULE:NAME"
-        raise MetadataError(f"no effect '{name}'", remedy=remedy)
+        raise MetadataError(**explained("no_effect", effect=name, near=nearest(name, known)))
     return known[name]
 
 
@@ -73,6 +73,8 @@ def _try(effect: Effect, name: str) -> None:
             elif not values and not effect.draws and not np.allclose(out, signal, rtol=0.0, atol=1e-9):
                 wrong = "changes the signal at its neutral values"
     except Exception as error:
-        wrong = f"fails on a trial signal: {type(error).__name__}: {error}"
+        file, calls = sys.modules[name.partition(":")[0]].__file__, traceback.extract_tb(error.__traceback__)
+        at = next((f" in line {call.lineno} of {file}" for call in reversed(calls) if call.filename == file), "")
+        wrong = f"fails on a trial signal{at}: {type(error).__name__}: {error}"
     if wrong:
         raise MetadataError(**explained("own_effect", effect=name, wrong=wrong))

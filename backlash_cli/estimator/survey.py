@@ -122,5 +122,4 @@ def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray
     some = some[np.logical_or.reduceat(use, starts[some])] if len(some) else some
     while np.count_nonzero(chosen := stretches[some] % stride == 0) > most:
         stride *= 2
-    return np.concatenate([np.zeros(0, int), *(starts[k] + np.flatnonzero(use[starts[k] : ends[k]])
-                                               for k in some[chosen])])
+    return np.concatenate([starts[:0], *(starts[k] + np.flatnonzero(use[starts[k] : ends[k]]) for k in some[chosen])])

@@ -89,8 +89,7 @@ def _effect(table: Mapping[str, Any], line: Callable[..., str]) -> ModelEffect:
     except MetadataError as error:
         raise MetadataError(error.what, where=line("effect"), remedy=error.remedy) from error
     if not isinstance(column, str) or (effect.column and not column):
-        raise MetadataError(f"{effect.name} needs the name of a measured column", remedy='add column = "DV1"',
-                            where=line("column") if "column" in table else line())
+        raise MetadataError(**explained("no_effect_column", effect=effect.name), where=line(*{"column"} & table.keys()))
     given = {k: v for k, v in table.items() if k not in ("effect", "column")}
     names = [q.name for q in effect.parameters]
     for key in given:
