@@ -33,7 +33,7 @@ def _numbers_or_words(cells: Cells, further: tuple[str, ...], told: Iterable[str
     words that the user names; the numbers among them, and those that a header tells."""
     (numbers, bad), extra = cells.numbers(), {word.strip().lower() for word in further}
     wanted = [float(word) for word in (*extra, *told) if re.fullmatch(r"-?\d+(?:\.\d+)?", word)]
-    if not cells.is_text or (np.isfinite(numbers).any() and not (all_texts and bad.any())):
+    if not cells.is_text or (np.isfinite(numbers).any() and bad.sum() <= np.isfinite(numbers).sum() * (not all_texts)):
         return numbers, np.zeros(0, np.int64), [], extra, wanted
     return None, *cells.texts(), extra, wanted
 

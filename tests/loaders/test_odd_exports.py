@@ -767,7 +767,8 @@ def test_a_mark_of_the_loop_is_one_of_its_measurement(tmp_path, name, bad, good)
 @pytest.mark.parametrize(("name", "manual", "auto", "code"), [
     ("FIC101.MAN", "TRUE", "FALSE", ""), ("FIC101.Manual", "1", "0", ""), ("FIC101.STATUS", "MANUAL", "AUTO", ""),
     ("FIC101.MODE", "0", "1", "mode_numbers"), ("FIC101.MAN", "MAN", "AUTO", ""),
-    ("FIC101.MODE", "NR,MAN", "NR,AUT", ""), ("FIC101.MODE", "P-MAN", "P-AUTO", "")])
+    ("FIC101.MODE", "NR,MAN", "NR,AUT", ""), ("FIC101.MODE", "P-MAN", "P-AUTO", ""),
+    ("FIC101.MODE", "7ZQ", "AUTO", "mode_words")])
 def test_modes_are_known_by_name_and_by_their_words(tmp_path, name, manual, auto, code):
     text = with_column(name, lambda k: f'"{manual if k in range(100, 300) else auto}"')
     record = read(save(tmp_path, text))["FIC101"]
