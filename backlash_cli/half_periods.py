@@ -12,9 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-from .record import PIECE, FloatArray, Frozen, IntArray, Record, SampleState
+from .record import PIECE, BoolArray, FloatArray, Frozen, IntArray, Record, SampleState
 
 NOT_USED = 2  # in place of the sign of an error
 MISSING, IMPLAUSIBLE, FILLED = (s.value for s in (SampleState.MISSING, SampleState.IMPLAUSIBLE, SampleState.FILLED))
@@ -71,7 +70,7 @@ class Segments(Frozen, eq=False):
     e_max: FloatArray
     direction: IntArray
     setpoint_move: FloatArray
-    complete: NDArray[np.bool_]
+    complete: BoolArray
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -107,7 +106,7 @@ class OpenHalfPeriod(Frozen):
         return Segments(*(np.array([x])[: abs(self.sign)] for x in values))
 
 
-def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
+def behind_gaps(index: IntArray, before: int) -> BoolArray:
     """Return which places in `index` (samples,) do not follow the one before; `before` stands ahead."""
     apart = np.zeros(len(index), bool)
     if index[-1] - before != len(index):  # strictly increasing: else nothing is left out
@@ -116,7 +115,7 @@ def behind_gaps(index: IntArray, before: int) -> NDArray[np.bool_]:
 
 
 def segment(error: FloatArray, setpoint: FloatArray, index: IntArray, open_: OpenHalfPeriod | None,
-            least: tuple[float, float] = (0.0, 0.0), use: NDArray[np.bool_] | None = None
+            least: tuple[float, float] = (0.0, 0.0), use: BoolArray | None = None
             ) -> tuple[Segments, OpenHalfPeriod | None, int]:
     """Cut a block of samples into half periods.
 
@@ -178,7 +177,7 @@ class ErrorTrack:
         self._least = least
         self.parts: list[Segments] = []  # those that have ended
 
-    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray, use: NDArray[np.bool_] | None) -> None:
+    def update(self, error: FloatArray, setpoint: FloatArray, index: IntArray, use: BoolArray | None) -> None:
         """Take the next samples; see `segment`."""
         done, self.open, left_out = segment(error, setpoint, index, self.open, self._least, use)
         self.left_out += left_out

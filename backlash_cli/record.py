@@ -16,6 +16,7 @@ from .errors import BacklashError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 NAT = np.iinfo(np.int64).min  # among stamps: no time
 PIECE = 1 << 17  # samples taken at once: what is worked out in between stays in the processor's cache
 AT_LIMIT = 1e-3  # of the output span: this close to 0 or 100 % is at the limit
@@ -143,7 +144,7 @@ class Record(Frozen, eq=False):
         return self.start + self.interval * self.index.astype(np.float64)
 
     @property
-    def usable(self) -> NDArray[np.bool_]:
+    def usable(self) -> BoolArray:
         """(samples,) True where a sample may enter an estimate."""
         return self.state <= SampleState.FILLED.value  # beside no plain number they would become 64 bits wide
 
@@ -162,7 +163,7 @@ def hold(values: FloatArray) -> FloatArray:
     return values[np.maximum.accumulate(last, out=last)]  # in place: long records
 
 
-def runs(flags: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
+def runs(flags: BoolArray) -> tuple[IntArray, IntArray]:
     """Return (starts, ends) of the stretches where `flags` is True; end is one past the last."""
     edges = np.flatnonzero(np.diff(flags, prepend=False, append=False)) if flags.any() else np.zeros(0, int)
     return edges[0::2], edges[1::2]

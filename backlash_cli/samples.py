@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from .record import AT_LIMIT, FloatArray, IntArray, Note, SampleState, quantile, runs
+from .record import AT_LIMIT, BoolArray, FloatArray, IntArray, Note, SampleState, quantile, runs
 from .words import WORDS, noted
 
 MAX_HOLE = 5  # absent samples that may be bridged
@@ -28,7 +28,7 @@ LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are froze
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
 
 
-def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
+def inside(starts: IntArray, ends: IntArray, samples: int) -> BoolArray:
     """(samples,) True in stretches that do not overlap; ends: one past the last."""
     found = np.zeros(samples, bool)
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
@@ -36,7 +36,7 @@ def inside(starts: IntArray, ends: IntArray, samples: int) -> NDArray[np.bool_]:
     return found
 
 
-def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, NDArray[np.bool_]]:
+def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[FloatArray, BoolArray]:
     """Return (values, filled): holes (nan) of at most `longest` samples on a line, but not beside a jump of `index`."""
     starts, ends = runs(~np.isfinite(values))
     inner = (starts > 0) & (ends < len(values)) & (ends - starts <= longest)
@@ -78,7 +78,7 @@ def held(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, fe
     return out
 
 
-def saturated(output: FloatArray, off: FloatArray | None = None) -> NDArray[np.bool_]:
+def saturated(output: FloatArray, off: FloatArray | None = None) -> BoolArray:
     """(samples,) True where a normalised output stays for several samples at 0 or 1, or at the end of its own range: at
     RESTS of its samples, though PV is as far `off` SP as elsewhere, which moves any output with integral action."""
     at = (output <= AT_LIMIT) | (output >= 1.0 - AT_LIMIT)
@@ -93,7 +93,7 @@ def saturated(output: FloatArray, off: FloatArray | None = None) -> NDArray[np.b
     return inside(starts[long], ends[long], len(output))
 
 
-def frozen(values: FloatArray) -> NDArray[np.bool_]:
+def frozen(values: FloatArray) -> BoolArray:
     """(samples,) True where a measurement repeats one number for longer than its own noise allows.
     A signal with noise repeats a number with some chance p, so a run of L repeats somewhere among n samples has
     chance about n p^L; runs with less than FROZEN_CHANCE are frozen. A signal without noise may stand still, as a
@@ -126,14 +126,14 @@ def _noisy(values: FloatArray, starts: IntArray, ends: IntArray) -> bool:
     return quantile(sizes, 0.5) >= RESOLVED * quantile(sizes, 0.01)
 
 
-def no_values(values: FloatArray) -> NDArray[np.bool_] | None:
+def no_values(values: FloatArray) -> BoolArray | None:
     """(rows,) True where samples are exactly 0, up to LONE in a row, or one of STANDINS, and lie far outside all
     others: FAR usual moves (99.9 %) and a fifth of the distance that all others span; or beyond LARGEST; None: none."""
     outer = float(np.fmin.reduce(values, initial=np.inf)), float(np.fmax.reduce(values, initial=-np.inf))
     if max(-outer[0], outer[1]) > LARGEST:
         beyond = np.abs(values) > LARGEST
         return beyond if (further := no_values(np.where(beyond, np.nan, values))) is None else beyond | further
-    found: NDArray[np.bool_] | None = None
+    found: BoolArray | None = None
     there = {0.0, *STANDINS} & {*outer}  # a zero lies outside all others where they all do, or a larger one is gone
     for number in sorted(there and {0.0, *there}, key=abs, reverse=True):
         same = values == number
@@ -174,7 +174,7 @@ def changed_size(values: FloatArray) -> tuple[int, int]:
     return (len(values) - int(np.flatnonzero(values > 0.0)[cut])) * (0.6 * moves < others < 1.7 * moves), 0
 
 
-def pasted(values: FloatArray) -> NDArray[np.bool_] | None:
+def pasted(values: FloatArray) -> BoolArray | None:
     """(samples,) True where a measurement with noise is, number by number, what it was before, as in data pasted twice;
     None where a look at two places shows nothing of it."""
     n, lags = len(values), Counter[int]()
@@ -221,9 +221,8 @@ def state_notes(counts: Counter[str], *kinds: str) -> list[Note]:
 
 
 def judged(index: IntArray, sp: FloatArray | None, pv: FloatArray, op: FloatArray | None,
-           interpolated: NDArray[np.bool_] | None, manual: NDArray[np.bool_] | None, bridge: int,
-           mirrored: NDArray[np.bool_] | None = None
-           ) -> tuple[FloatArray, NDArray[np.uint8], dict[str, NDArray[np.bool_]]]:
+           interpolated: BoolArray | None, manual: BoolArray | None, bridge: int,
+           mirrored: BoolArray | None = None) -> tuple[FloatArray, NDArray[np.uint8], dict[str, BoolArray]]:
     """Return (measurement, state, marks): PV with holes of at most `bridge` samples filled, the SampleState of each
     sample, and where they are of the kinds of `state_notes`. All are (samples,). index: grid numbers. sp, pv, op:
     normalised, None: not recorded. interpolated: PV not recorded; manual: not in automatic; mirrored: OP is PV."""

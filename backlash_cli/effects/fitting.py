@@ -4,10 +4,7 @@ A `Fitting` is data, so that a fit never asks for an effect by name and a user's
 
 from collections.abc import Callable, Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..record import FloatArray, Frozen
+from ..record import BoolArray, FloatArray, Frozen
 
 Values = Mapping[str, float | tuple[float, ...]]
 
@@ -23,7 +20,7 @@ class Clues(Frozen, eq=False):
 
     output: FloatArray
     measurement: FloatArray
-    used: NDArray[np.bool_]
+    used: BoolArray
     interval: float
     lag: float
     duration: float

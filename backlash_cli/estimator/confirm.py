@@ -14,9 +14,8 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import AT_LIMIT, FloatArray, Frozen, LoopSettings, Note, Record, SampleState, duration
+from ..record import AT_LIMIT, BoolArray, FloatArray, Frozen, LoopSettings, Note, Record, SampleState, duration
 from ..results import Confirmation
 from ..words import noted
 from .control_law import output_made
@@ -131,7 +130,7 @@ def study(record: Record, settings: LoopSettings) -> Study | Note:
     return Study(asked, recordings, settings, Ti, record.interval, seconds / Ti, moved, origin, rounding)
 
 
-def _recordings(record: Record, output: FloatArray, usable: NDArray[np.bool_]) -> tuple[Recording, ...]:
+def _recordings(record: Record, output: FloatArray, usable: BoolArray) -> tuple[Recording, ...]:
     """The samples on grids without gaps, in % of span, OP and PV less their means."""
     mean, found = 100.0 * float(output[usable].mean()), []
     for part in np.split(np.arange(len(record)), np.flatnonzero(np.diff(record.index) > HOLE) + 1):

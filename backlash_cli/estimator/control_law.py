@@ -10,10 +10,9 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..half_periods import DoubleLag, double_lag
-from ..record import FloatArray, Frozen, IntArray, LoopSettings, Record
+from ..record import BoolArray, FloatArray, Frozen, IntArray, LoopSettings, Record
 
 OWN, PROPORTIONAL, INTEGRAL, SETPOINT, DERIVATIVE = range(5)  # places in the sums; the output itself comes first
 GROUPS = 20  # at most so many leave-one-out groups of windows for the scatter
@@ -198,7 +197,7 @@ def output_made(record: Record, settings: LoopSettings) -> tuple[FloatArray | No
     return output, "recorded"
 
 
-def rebuilt_output(record: Record, settings: LoopSettings, usable: NDArray[np.bool_]) -> FloatArray:
+def rebuilt_output(record: Record, settings: LoopSettings, usable: BoolArray) -> FloatArray:
     """Return u = K (-yf + 1/Ti integral(ysp - yf) - Td dyf/dt), but for a constant, (samples,); nan where not usable.
 
     A digital controller acts at once on the PV that it reads, and the two are recorded together. The constant is

@@ -24,9 +24,8 @@ the imperfection of the prediction is worth."""
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, IntArray
+from ..record import BoolArray, FloatArray, Frozen, IntArray
 from .predictor import LEAST_ROWS, Predictor
 
 COVERED = 0.9  # of a gap by OP: from there on it is known well enough where the stem stands
@@ -50,7 +49,7 @@ class GapTest(Frozen):
     share: FloatArray
     deviation: FloatArray
     tied_gain: FloatArray
-    possible: NDArray[np.bool_]
+    possible: BoolArray
     error_reduction: FloatArray
     counted: FloatArray
     free: FloatArray
@@ -66,7 +65,7 @@ class GapTest(Frozen):
         return np.where(self.possible, self.fit, -1.0)
 
 
-def full(share: FloatArray) -> NDArray[np.bool_]:
+def full(share: FloatArray) -> BoolArray:
     """Where PV answers the gap about as it answers OP."""
     return (share > LEAST_SHARE) & (share < MOST_SHARE)
 
@@ -189,7 +188,7 @@ def _beside(p: Predictor, G: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _possible(p: Predictor, b: FloatArray, to_gap: FloatArray, K: float | None, Ti: float, interval: float,
-              seen: tuple[int, int]) -> NDArray[np.bool_]:
+              seen: tuple[int, int]) -> BoolArray:
     """(gaps,) where PV's answer to the gap, by coefficients b (gaps, columns) and to_gap (gaps, lags) of its lags, is
     one of a process that this controller could control. seen: as SEEN_TIED."""
     blocks = max(2, round(Ti / (p.size * interval)))

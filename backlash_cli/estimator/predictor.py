@@ -21,7 +21,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, IntArray, hold
+from ..record import BoolArray, FloatArray, Frozen, IntArray, hold
 
 LEAST_ROWS, FEWEST_ROWS = 25, 60  # rows beyond the number of columns, and at least
 COMPLETE = 0.6  # share of a block's samples that must be usable
@@ -40,10 +40,10 @@ class Recording(Frozen):
 
     output: FloatArray
     measurement: FloatArray
-    usable: NDArray[np.bool_]
+    usable: BoolArray
 
 
-def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: NDArray[np.bool_],
+def recording_of(index: IntArray, output: FloatArray, measurement: FloatArray, usable: BoolArray,
                  scale: float = 1.0) -> Recording:
     """Samples (samples,) put on the grid from the first to the last of them: OP held, NaN where not known, PV straight
     between the usable ones, both times `scale`. index: strictly increasing places on the grid."""
@@ -122,7 +122,7 @@ class Predictor(Frozen):
         together *= np.sqrt(self.weights)
         return together
 
-    def since(self, samples: Sequence[IntArray]) -> NDArray[np.bool_]:
+    def since(self, samples: Sequence[IntArray]) -> BoolArray:
         """Rows (questions, rows) that look back, in single blocks, on nothing before samples (questions,) of each of
         the recordings that the prediction was made of."""
         firsts = [-(-samples[i][:, None] // self.size) + self.lags.fine for i in self._used]

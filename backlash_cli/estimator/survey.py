@@ -8,9 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray, Record, SampleState
+from ..record import BoolArray, FloatArray, IntArray, Record, SampleState
 
 MOST = 1 << 22  # samples that are kept
 ROWS = 1024  # of a stretch
@@ -108,13 +107,13 @@ def rows(r: Record, level: int) -> tuple[IntArray, FloatArray]:
     return number[starts[chosen]], np.array(sums) / size
 
 
-def with_all_signals(r: Record) -> NDArray[np.bool_]:
+def with_all_signals(r: Record) -> BoolArray:
     """(samples,) where setpoint, measurement and output are known and may be used."""
     known = r.usable & np.isfinite(r.setpoint) & np.isfinite(r.measurement)
     return known & (r.output is not None and np.isfinite(r.output))
 
 
-def _even_choice(index: IntArray, use: NDArray[np.bool_], most: int) -> IntArray:
+def _even_choice(index: IntArray, use: BoolArray, most: int) -> IntArray:
     """Which rows of use lie in one of `most` stretches at most: in every one of them, every second, every fourth .."""
     stretches = np.arange(index[0] // ROWS, index[-1] // ROWS + 1) if len(index) else index
     starts, ends = (np.searchsorted(index, ROWS * (stretches + after)) for after in (0, 1))

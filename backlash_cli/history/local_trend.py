@@ -14,14 +14,13 @@ from math import factorial, inf
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from scipy.special import expit, ndtr, softmax
 
-from ..record import FloatArray, Frozen
+from ..record import BoolArray, FloatArray, Frozen
 from ..results.history import DAY
 
-BoolArray = NDArray[np.bool_]
+BoolArray = BoolArray
 ENOUGH = 5  # nights; fewer say nothing about a slope
 LEAST = 4  # nights after a step (half as many before): two bad nights must not make one
 MONTH = 30.0  # days over which the slope is told

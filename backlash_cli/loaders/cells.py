@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, IntArray
+from ..record import BoolArray, FloatArray, Frozen, IntArray
 from .names import FORM
 
 BLANK = frozenset(["null", "NULL", "Null", "None", "NA", "N/A", "n/a"])  # words for an empty cell
@@ -24,7 +24,7 @@ class Lexicon(Frozen, eq=False):
     decimal: str = "."
 
     @cached_property
-    def parsed(self) -> tuple[FloatArray, NDArray[np.bool_], list[str]]:
+    def parsed(self) -> tuple[FloatArray, BoolArray, list[str]]:
         """(values, bad, units) of the texts; blank text is nan and not bad."""
         values, units = plain_numbers(self.words, self.decimal), [""] * len(self.words)
         rest = np.flatnonzero(np.isnan(values)).tolist()
@@ -56,7 +56,7 @@ class Cells(Frozen, eq=False):
     def is_text(self) -> bool:
         return self.codes is not None and len(self._used[0]) > 0
 
-    def numbers(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def numbers(self) -> tuple[FloatArray, BoolArray]:
         """Return (values, bad): the cells as numbers, nan where blank or bad: a word, inf, another unit than most."""
         flags = np.isinf(self.values)
         if not self.is_text:
@@ -73,7 +73,7 @@ class Cells(Frozen, eq=False):
         out[rows] = np.where(flags[rows], np.nan, values[used][which])
         return out, flags
 
-    def words(self, rows: NDArray[np.bool_], within: slice) -> Counter[str]:
+    def words(self, rows: BoolArray, within: slice) -> Counter[str]:
         """Count the texts in rows that are True, of some rows in a row."""
         codes = np.zeros(0, int) if self.codes is None else self.codes[within][rows[within]]
         return Counter(self.lexicon.words[code].strip()[:40] for code in codes[codes >= 0].tolist())

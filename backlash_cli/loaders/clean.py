@@ -9,17 +9,16 @@ from operator import attrgetter
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import NAT, FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
+from ..record import NAT, BoolArray, FloatArray, Frozen, IntArray, LoopSettings, Note, Record, fingerprint, utc_text
 from ..samples import MAX_HOLE, STRANGE, held, is_copy, judged, linear, state_notes
 from ..settings import LoopValues, settings_of
 from ..settings.spans import normalised, spans_of
 from .grid import GAP_FACTOR, LIKELY, SECOND, SPARSE_SHARE, Grid, Ordered, Times, make_grid
 from .names import explained, noted, span_of
 from .options import ReadOptions
-from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults, agreed
+from .signals import Axis, Faults, Joiner, LoopSeries, Series, Signal, add_faults, agreed, one_per_file
 from .states import automatic
 
 CHUNK, MARGIN = 2_000_000, 2000  # rows in memory at once; around them, that tell of holes, limits, what still holds
@@ -114,10 +113,9 @@ class _Making:
         tags = Counter(tag for role in ("sp", "pv", "op") for tag in {item.tag for item in loop.roles.get(role, ())})
         if tags.total() > len(tags):
             raise LoopError(**explained("same_tag", tag=tags.most_common(1)[0][0]))
-        further = f" (further columns: {some([*loop.extra])})" if loop.extra else ""
+        more = f" (further columns: {some([*loop.extra])})" if loop.extra else ""
         if "pv" not in loop.roles:
-            there = ", ".join(role.upper() for role in loop.roles)
-            raise LoopError(**explained("no_pv", there=there, further=further, loop=loop.name[:40]))
+            raise LoopError(**explained("no_pv", there=", ".join(loop.roles).upper(), more=more, loop=loop.name[:40]))
         settings = settings_of(self.recipe.values)
         if end is not None:
             self.joiner.only = begin, end
@@ -159,7 +157,7 @@ class _Making:
         y, state, marks = judged(grid.index, sp, y, op, between, manual, self.bridge,
                                  None if output is None else (output == measured) | is_copy(output, measured))
         self.counts.update(samples=last - first, **{k: int(np.count_nonzero(x[first:last])) for k, x in marks.items()})
-        missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, further=further)
+        missing = [noted(blank if role in loop.roles else absent, {"loop": loop.name}, more=more)
                    for role, values, absent, blank in (("sp", sp, "no_setpoint", "no_setpoint:blank"), (
                        "op", op, "no_output", "no_output:blank")) if values is None]
         said = [state_notes(self.counts, *kinds) for kinds in (("wild", "filled", "frozen", "saturated", "missing"),
@@ -209,14 +207,15 @@ class _Making:
                 return self._on_grid(signal, "dv", grid)
         return None
 
-    def _manual(self, loop: LoopSeries, auto_modes: tuple[str, ...], grid: Grid
-                ) -> tuple[NDArray[np.bool_] | None, list[Note]]:
+    def _manual(self, loop: LoopSeries, auto_modes: tuple[str, ...], grid: Grid) -> tuple[BoolArray | None, list[Note]]:
         """True where the controller was not in automatic, None when no mode is recorded; and what is to be said."""
-        if not (items := loop.roles.get("mode", [])):
+        items, notes = one_per_file(loop.roles.get("mode", []), "mode")
+        if not items:
             return None, []
         found = [automatic(item.cells(), auto_modes, item.tag) for item in items]
-        notes, states = [note for _, more in found for note in more], np.concatenate([auto for auto, _ in found])
+        notes += [note for _, more in found for note in more]
         times = self.joiner.times(*(item.axis for item in items))
+        states = np.concatenate([auto for auto, _ in found])
         signal = agreed(Signal(times, states, np.zeros(len(states), bool)), items[0].tag)
         if not np.isfinite(signal.values).any() and "mode" not in self.carried:
             return None, [*notes, noted("mode_empty")]

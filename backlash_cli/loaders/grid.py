@@ -9,10 +9,9 @@ from functools import lru_cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LoopError
-from ..record import NAT, FloatArray, Frozen, IntArray, Note, duration, utc_text
+from ..record import NAT, BoolArray, FloatArray, Frozen, IntArray, Note, duration, utc_text
 from ..samples import MAX_HOLE
 from .names import explained, noted
 
@@ -119,7 +118,7 @@ def _clock_set_back(stamps: IntArray, back: IntArray, values: FloatArray, notes:
     return out
 
 
-def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> NDArray[np.bool_]:
+def _differ(a: FloatArray, b: FloatArray, values: FloatArray) -> BoolArray:
     """Whether values differ by more than 0.2 % of the width of what 90 % of all values lie in."""
     known = values[np.isfinite(values)] if len(a) else values[:0]
     scale = float(np.subtract(*np.quantile(known, [0.95, 0.05]))) if len(known) else 0.0
@@ -162,7 +161,7 @@ class Grid(Frozen, eq=False):
     usual: float = 0.0
     index: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     rows: IntArray | None = None
-    recorded: NDArray[np.bool_] | None = None
+    recorded: BoolArray | None = None
     notes: tuple[Note, ...] = ()
 
     def laid(self, order: Ordered, number: int = 0) -> Self:
@@ -194,7 +193,7 @@ class Grid(Frozen, eq=False):
             np.abs(stamps[after] - times), np.abs(stamps[after - 1] - times)) <= self.step // 2
         return replace(self, index=index, recorded=recorded)
 
-    def said(self, stamps: IntArray, recorded: NDArray[np.bool_] | None, tally: defaultdict[str, float]) -> list[Note]:
+    def said(self, stamps: IntArray, recorded: BoolArray | None, tally: defaultdict[str, float]) -> list[Note]:
         """Add to a tally what stamps, and which points are recorded, tell; return what is to be said of all so far."""
         steps, regular, found = np.diff(stamps), self.kind == "regular", list[Note]()
         long = np.flatnonzero(steps >= 1.5 * self.step if regular else steps > self.gap)

@@ -171,8 +171,8 @@ def layout_of(head: Head, options: ReadOptions) -> Layout:
         *[i for i in head.places if named and i not in named], *named)
     if not naming and kind in ("long", "tall"):
         raise InputError(**explained("no_names", what="tag" if kind == "long" else "loop"), where=head.where)
-    values = [i for i, word in enumerate(head.plain) if i not in used and i not in naming and word not in IGNORED
-              and not head.is_time(i)]
+    passed = {*used, *naming, *(i for i in texts if naming and head.plain[i] in GROUPS)}
+    values = [i for i, word in enumerate(head.plain) if i not in passed and word not in IGNORED and not head.is_time(i)]
     named = sorted((i for i in values if head.plain[i] in VALUE), key=head.texts.__contains__)  # numbers first
     single = len(named) == 1 and not any(head.tags[i].role in SIGNALS for i in values)  # a tag in a file of its own
     if kind != "long" and (naming or not single):

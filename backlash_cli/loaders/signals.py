@@ -8,10 +8,9 @@ from itertools import accumulate, chain
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import LoopError, some
-from ..record import NAT, FloatArray, Frozen, IntArray, Note
+from ..record import NAT, BoolArray, FloatArray, Frozen, IntArray, Note
 from ..samples import changed_size, no_values
 from ..scratch import Columns
 from ..settings import Metadata
@@ -129,7 +128,7 @@ class Signal(Frozen, eq=False):
 
     times: Times
     values: FloatArray
-    bad: NDArray[np.bool_]
+    bad: BoolArray
     notes: tuple[Note, ...] = ()
     faults: Faults = field(default_factory=dict)
 
@@ -224,7 +223,7 @@ class Joiner:
 
     def signal(self, series: list[Series], role: str = "") -> Signal:
         """Return one signal from its series. Raises LoopError when two different columns carry one name."""
-        chosen, notes = _one_per_file(series, role)
+        chosen, notes = one_per_file(series, role)
         chosen = sorted(chosen, key=lambda item: item.axis.first) if len(chosen) > 1 else chosen
         parts = [self._part(item) for item in chosen]
         faults: Faults = parts[0].faults
@@ -288,7 +287,8 @@ def add_faults(total: Faults, found: Faults) -> list[Note]:
     return notes
 
 
-def _one_per_file(series: list[Series], role: str) -> tuple[list[Series], list[Note]]:
+def one_per_file(series: list[Series], role: str) -> tuple[list[Series], list[Note]]:
+    """Return the one of each file that is named most like a role, and what is said of others. Raises LoopError."""
     notes, groups, chosen = list[Note](), defaultdict[str, list[Series]](list), list[Series]()
     for item in series:
         groups[item.axis.where].append(item)

@@ -6,10 +6,9 @@ from statistics import median_low
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import some
-from ..record import FloatArray, IntArray, Note
+from ..record import BoolArray, FloatArray, IntArray, Note
 from .cells import Cells
 from .names import FORM, is_column, noted, split_tag
 
@@ -27,6 +26,11 @@ def mode_words(words: list[str]) -> bool:
         re.match("aut|man|cas|hand|[自手][动動]|[자수]동|авт|руч", word.strip(), re.IGNORECASE) for word in words)
 
 
+def yes_or_no(words: list[str]) -> bool:
+    """Say whether texts are but yes and no, or true and false, in some language."""
+    return all(FORM.yes.fullmatch(word.strip()) or FORM.no.fullmatch(word.strip()) for word in words)
+
+
 def _numbers_or_words(cells: Cells, further: tuple[str, ...], told: Iterable[str], *, all_texts: bool
                       ) -> tuple[FloatArray | None, IntArray, list[str], set[str], list[float]]:
     """(numbers, codes, words) of cells: numbers are None where texts, all or some of them, are something else; further
@@ -39,7 +43,7 @@ def _numbers_or_words(cells: Cells, further: tuple[str, ...], told: Iterable[str
 
 
 def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: dict[str, Any] | None = None
-                 ) -> tuple[NDArray[np.bool_], list[Note]]:
+                 ) -> tuple[BoolArray, list[Note]]:
     """Return (rows,) True where the quality says good. Numbers are codes of OPC or PROFIBUS (128 and more), percents or
     0/1. further: words or numbers that mean good. name: Validity is 1 where good. known: by earlier chunks."""
     known = {} if known is None else known
@@ -57,8 +61,8 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
         if wanted or not np.isfinite(numbers).any():
             return np.isin(numbers, wanted) if wanted else np.ones(len(numbers), bool), []
         return _good_numbers(numbers, name, known)
-    if FORM.one_is_bad.search(name) and {word.strip().lower() for word in words} <= {"true", "false"}:
-        return np.append([word.strip().lower() == "false" for word in words], True)[codes], []
+    if FORM.one_is_bad.search(name) and yes_or_no(words):
+        return np.append([bool(FORM.no.fullmatch(word.strip())) for word in words], True)[codes], []
     good = [word.strip().lower() in extra or (
         bool(FORM.good.fullmatch(word.strip())) and not FORM.doubt.fullmatch(word)) for word in words]
     told = any(good) or extra or len(words) > 1 or len(cells.lexicon.words) > 1 or codes.min() < 0
@@ -70,7 +74,7 @@ def good_samples(cells: Cells, further: tuple[str, ...], name: str = "", known: 
     return np.append(np.array(good, bool), False)[codes], []
 
 
-def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[NDArray[np.bool_], list[Note]]:
+def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[BoolArray, list[Note]]:
     known = values[np.isfinite(values)]
     low = seen["low"] = min(seen.get("low", np.inf), float(known.min()))
     high = seen["high"] = max(seen.get("high", -np.inf), float(known.max()))
@@ -93,19 +97,17 @@ def _good_numbers(values: FloatArray, name: str, seen: dict[str, Any]) -> tuple[
 def automatic(cells: Cells, further: tuple[str, ...], name: str = "") -> tuple[FloatArray, list[Note]]:
     """Return (rows,) 1 where the controller was in automatic or cascade, 0 where not, nan where not recorded. Numbers:
     as `name` says (0=Auto); 1 is manual of MAN; else 0 is, and 1 to 3 are not; or as in DeltaV, where 8 is manual."""
-    flag = FORM.one_is_manual.fullmatch(split_tag(name).signal)
-    texts = [text.strip().lower() for text in cells.texts()[1]] if flag else ["auto"]
-    if not mode_words(texts):  # MAN may also be what the output is in manual
-        flags = {*texts} <= {"0", "1", "true", "false", "on", "off"}
-        return 1.0 - automatic(cells, further)[0] if flags else np.full(len(cells.values), np.nan), []
+    if FORM.one_is_manual.fullmatch(split_tag(name).signal) and not mode_words(texts := cells.texts()[1]):
+        # MAN may also be what the output is in manual
+        return 1.0 - automatic(cells, further)[0] if yes_or_no(texts) else np.full(len(cells.values), np.nan), []
     meant = (n for n, word in FORM.legend.findall(FORM.compact.sub("3=Auto", name)) if FORM.automatic.fullmatch(word))
     numbers, codes, words, extra, named = _numbers_or_words(cells, further, meant, all_texts=False)
     if numbers is not None:
         return _auto_numbers(numbers, named)
-    texts = [word.strip().lower() for word in words]
-    auto = [text in extra or bool(FORM.automatic.fullmatch(text)) for text in texts]
-    unknown = [word.strip() for word, text, yes in zip(words, texts, auto, strict=True)
-               if text and not yes and not FORM.manual.fullmatch(text)]
+    texts = [word.strip() for word in words]
+    on, off = (FORM.yes, FORM.no) if yes_or_no(texts) else (FORM.automatic, FORM.manual)
+    auto = [text.lower() in extra or bool(on.fullmatch(text)) for text in texts]
+    unknown = [text for text, yes in zip(texts, auto, strict=True) if text and not yes and not off.fullmatch(text)]
     states = [float(yes) if text else np.nan for text, yes in zip(texts, auto, strict=True)]
     return np.array([*states, np.nan])[codes], [noted("mode_words", modes=some(unknown, 4))] * bool(unknown)
 

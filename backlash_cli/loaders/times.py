@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..record import NAT, FloatArray, IntArray, Note
+from ..record import NAT, BoolArray, FloatArray, IntArray, Note
 from .cells import Lexicon, codes_and_words, is_number, is_text, stored, to_array
 from .grid import DAY, HOUR, LIKELY, SECOND
 from .names import COLUMNS, FORM, WORDS, explained, noted, plain
@@ -36,7 +36,7 @@ _ZONED = 92_000_000 * DAY  # added to a stamp with an offset beside which others
 _UNITS: dict[str, tuple[float, float, bool]] = WORDS["stamps"]["unit"]
 
 
-def read_dates(words: list[str]) -> tuple[IntArray, NDArray[np.bool_], bool]:
+def read_dates(words: list[str]) -> tuple[IntArray, BoolArray, bool]:
     """Read texts as dates, with or without a time of day, or as times of day. Return (micros, zoned, of_day): (words,)
     NAT where nothing was read, packed where the date is open; (words,) they carry an offset; all are times of day."""
     text = pc.replace_substring_regex(pa.array(words, pa.string()), _NO_DATE, "")
@@ -65,7 +65,7 @@ def stamp_kind(text: str) -> str:
     return "clock" if clock else "time" if known or re.match(_COMPACT, text) else ""
 
 
-def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
+def _stamps(fields: pa.StructArray) -> tuple[IntArray, BoolArray]:
     """Return (microseconds since 1970, NAT or open, has an offset) of the parts of dates and times of day."""
     hour, minute, second = (_looked_up(fields.field(name), lambda text: int(text or 0)) for name in ("h", "mi", "s"))
     half = _looked_up(fields.field("ap"), lambda text: "apsc".find(text[:1].lower()) % 2 if text else -1)  # also SA, CH
@@ -88,7 +88,7 @@ def _stamps(fields: pa.StructArray) -> tuple[IntArray, NDArray[np.bool_]]:
     return np.where(bad, NAT, np.where(unclear, packed, (days + clock.astype("m8[us]")).astype(np.int64))), zoned
 
 
-def _open_dates(micros: IntArray) -> tuple[IntArray, IntArray, IntArray, NDArray[np.bool_]]:
+def _open_dates(micros: IntArray) -> tuple[IntArray, IntArray, IntArray, BoolArray]:
     """(which stamps have an open date, the number of the date, time of day, has an offset)"""
     is_open = np.flatnonzero((micros < -LIMIT) & (micros != NAT))
     packed = micros[is_open] - _OPEN
@@ -303,7 +303,7 @@ class StampReader:
         out[known] = np.where(doubled & (since > 0), second, first)
         return out
 
-    def _seen(self, micros: IntArray, zoned: NDArray[np.bool_]) -> IntArray:
+    def _seen(self, micros: IntArray, zoned: BoolArray) -> IntArray:
         self._zones |= {zone for zone in (True, False) if np.any((micros != NAT) & (zoned == zone))}
         return micros
 
@@ -404,7 +404,7 @@ class StampReader:
                 if counts or (step > 0 and not re.search(r"[\[(]", self.name) and any(
                         self._interval == step * factor for factor, *_ in _UNITS.values())):
                     self._scale = self._interval / step, float(known[0]) * counts, False
-                code = "day_above" if self._start else "relative_time"
+                code = "day_above:counted" if self._start else "relative_time"
                 unit = f"steps of {self._interval / 1e6:g} s" if self._scale else self._unit
                 self.notes.append(noted(code, column=self.name, unit=unit, start=self._from))
         if self._unit == "digits":

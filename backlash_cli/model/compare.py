@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effects.process import delayed_lag
-from ..record import FloatArray, Note, Record
+from ..record import BoolArray, FloatArray, Note, Record
 from ..results import Comparison, Fitness, FittedParameter, Model, Series
 from ..words import noted
 from .fit import BENT_ROUNDS, predicted_by, rms, with_load
@@ -64,7 +63,7 @@ def compare(record: Record, model: Model | None = None) -> Comparison:
         model=kept)
 
 
-def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: NDArray[np.bool_]
+def error_unseen(problem: Problem, model: Model, shape: Shape, recorders: tuple[Part, ...], known: BoolArray
                  ) -> float | None:
     """Return the error of a kept model on samples that neither its fit nor the matching of offset and start saw; None
     where these are fewer than FEWEST_SAMPLES."""

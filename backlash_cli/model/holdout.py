@@ -13,9 +13,8 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, hold
+from ..record import BoolArray, FloatArray, Frozen, hold
 from .fit import Fit, Solver, descend, finished, predicted_by, raw_error, rms
 from .noise import Noise
 from .pipeline import Part
@@ -44,7 +43,7 @@ class Tested(Frozen, eq=False):
         return float(np.mean(blocks)) > SURE * float(np.std(blocks, ddof=1)) / np.sqrt(FEWEST_BLOCKS)
 
 
-def folds(problem: Problem, lag: float) -> list[NDArray[np.bool_]]:
+def folds(problem: Problem, lag: float) -> list[BoolArray]:
     """Return for each fold which grid points are left out, (samples,) each: every fourth block of equal counts but the
     first, which shows how the record began."""
     count = np.cumsum(problem.used)
@@ -79,7 +78,7 @@ def better(problem: Problem, fitted: Fit, recorders: tuple[Part, ...] = ()) -> T
     return plain if plain.rmse_holdout < 0.97 * likely.rmse_holdout else likely
 
 
-def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], float]:
+def limits(problem: Problem, parts: Sequence[Part]) -> tuple[FloatArray, FloatArray, BoolArray, float]:
     """Return the lowest and highest true PV, where they differ, (samples,) each, and by how much on average [span]."""
     low = high = problem.measurement
     for part in parts:

@@ -4,16 +4,15 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..kernels import play
-from ..record import FloatArray, duration, runs
+from ..record import BoolArray, FloatArray, duration, runs
 from ..results import Region
 from ..words import said
 from .pipeline import Shape
 from .problem import Problem
 
-Mask = NDArray[np.bool_]
+Mask = BoolArray
 LAGS_FELT = 3.0  # how long an event is felt, in process lags
 ONE_WAY = 0.3  # mean over root mean square of an error from which it is worth saying on which side it lies
 END_SHARE = 0.1

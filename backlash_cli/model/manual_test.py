@@ -25,7 +25,7 @@ from ..estimator.criteria import CALLED_TESTED, FEWEST_CROSSINGS, MOTION
 from ..estimator.predictor import COMPLETE, FREEDOM, Recording, block_means
 from ..estimator.width_profile import DROP, NARROWEST, TRACE, TURN, about, confirmation, peak_of, width_interval
 from ..kernels import gap_crossings, play
-from ..record import FloatArray, Frozen, Note
+from ..record import BoolArray, FloatArray, Frozen, Note
 from ..results import Confirmation
 from ..words import noted
 from .noise import Noise, whitener
@@ -76,7 +76,7 @@ class _Blocks(Frozen):
 
     outputs: tuple[FloatArray, ...]
     measurement: tuple[FloatArray, ...]
-    used: tuple[NDArray[np.bool_], ...]
+    used: tuple[BoolArray, ...]
     size: int
     interval: float
     moved: float

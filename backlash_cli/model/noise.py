@@ -7,10 +7,9 @@ prediction error holds in closed loop too (Ljung, System Identification, chapter
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import kernels
-from ..record import FloatArray, Frozen
+from ..record import BoolArray, FloatArray, Frozen
 
 SLOWEST = 0.1  # what wanders more slowly than this share of the record is no noise about a mean: it is a drift
 CLOSE_ENOUGH = 0.02  # deviances closer than this tell nothing about the noise
@@ -62,7 +61,7 @@ class Whitener(Frozen):
         return self.samples * float(np.log(max(rss, 1e-300) / self.samples)) + self.log_det
 
 
-def whitener(noise: Noise, used: NDArray[np.bool_], h: float) -> Whitener:
+def whitener(noise: Noise, used: BoolArray, h: float) -> Whitener:
     """Return the whitening filter of `noise` for the samples `used` at interval h [s]."""
     n, rest = len(used), noise.at_rest(h)
     gain, weight = np.zeros((n, 2)), np.zeros(n)
@@ -99,7 +98,7 @@ def downhill(x: FloatArray, squares: Callable[[FloatArray], float], local: Calla
     return x
 
 
-def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise) -> Noise:
+def fit_noise(error: FloatArray, used: BoolArray, h: float, first: Noise) -> Noise:
     """Return the noise of greatest likelihood for an error (samples,), 0 where not `used`, searched from `first`.
 
     With the noise variance profiled out the likelihood is greatest where the sum of squares of the innovations, each
@@ -124,7 +123,7 @@ def fit_noise(error: FloatArray, used: NDArray[np.bool_], h: float, first: Noise
     return Noise(ratio, max(times), min(times))
 
 
-def known_load(error: FloatArray, used: NDArray[np.bool_], h: float, noise: Noise, ahead: int) -> FloatArray:
+def known_load(error: FloatArray, used: BoolArray, h: float, noise: Noise, ahead: int) -> FloatArray:
     """Return the load in PV (samples,) as known `ahead` samples before, from what a model missed until then; error:
     (samples,) measured minus predicted PV, any number where not `used`. Harvey (1989), section 3.5."""
     white = whitener(noise, used, h)

@@ -18,7 +18,7 @@ from ..effects.process import delayed_lag
 from ..effects.recording import recorded_steps
 from ..errors import LoopError
 from ..estimator.control_law import output_made
-from ..record import FloatArray, Frozen, LoopSettings, Record, SampleState, hold, runs
+from ..record import BoolArray, FloatArray, Frozen, LoopSettings, Record, SampleState, hold, runs
 from ..words import explained
 
 FEWEST_SAMPLES = 100  # fewer samples than this cannot carry a model with three parameters, a hold-out and a search
@@ -50,7 +50,7 @@ class Problem(Frozen, eq=False):
     measurement: FloatArray
     recorded: FloatArray
     setpoint: FloatArray
-    used: NDArray[np.bool_]
+    used: BoolArray
     columns: Mapping[str, FloatArray]
     delay: float | None
     settings: LoopSettings
@@ -165,7 +165,7 @@ def _interpolate(values: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(values)), good, values[good])
 
 
-def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: NDArray[np.bool_], used: NDArray[np.bool_],
+def moved_from_outside(output: FloatArray, setpoint: FloatArray, manual: BoolArray, used: BoolArray,
                        h: float) -> float:
     """Return the share (0..1) of OP's variance that setpoint moves, behind lags, or a hand explain. h: interval [s]."""
     y = output[used]

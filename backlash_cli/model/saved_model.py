@@ -9,12 +9,11 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effects import EFFECTS, Effect, Stage
 from ..effects.registry import load_effect
 from ..errors import LoopError, MetadataError, nearest
-from ..record import FloatArray, Note, Record
+from ..record import BoolArray, FloatArray, Note, Record
 from ..results import Model, ModelEffect
 from ..toml_text import Page, checked, line_of, parsed, toml_value
 from ..words import WORDS, explained, noted
@@ -150,7 +149,7 @@ def reference(effect: Effect) -> str:
     return next((f"{module}:{name}" for name, value in names if value is effect), "")
 
 
-def seen_by(model: Model, problem: Problem) -> NDArray[np.bool_]:
+def seen_by(model: Model, problem: Problem) -> BoolArray:
     """Return which grid points lie in the record that the model was fitted to, (samples,); none when it is not told."""
     time, slack = problem.time, 0.5 * problem.interval
     if model.start is None or model.end is None:

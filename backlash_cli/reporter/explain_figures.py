@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, IntArray, LoopSettings
+from ..record import BoolArray, FloatArray, IntArray, LoopSettings
 from ..results import Region, Series, Step
 from ..words import WORDS
 from . import figures as fig
@@ -139,7 +138,7 @@ def causes(series: Series, predictions: Mapping[str, FloatArray], noise_floor: f
     return found
 
 
-def binned(x: FloatArray, residual: FloatArray, where: NDArray[np.bool_] | bool = True, *, even: bool = False,
+def binned(x: FloatArray, residual: FloatArray, where: BoolArray | bool = True, *, even: bool = False,
            bins: int = BINS) -> Binned:
     """Return centre, mean and rms of a residual (samples,) in bins of x: of even width, or with evenly many samples."""
     from scipy.stats import binned_statistic

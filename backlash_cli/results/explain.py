@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, LoopSettings, Note
+from ..record import BoolArray, FloatArray, Frozen, LoopSettings, Note
 from .scan import PlantResult
 
 Interval = tuple[float, float]
@@ -132,7 +131,7 @@ class Series(Frozen, eq=False):
     output: FloatArray
     measured: FloatArray
     predicted: FloatArray
-    used: NDArray[np.bool_]  # where the sample counts
+    used: BoolArray  # where the sample counts
     inside: Mapping[str, FloatArray] = field(default_factory=dict)  # between OP and PV; "valve": stem position
 
     def residual(self, predicted: FloatArray) -> FloatArray:

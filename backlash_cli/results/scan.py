@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..record import FloatArray, Frozen, LoopSettings, Note
+from ..record import BoolArray, FloatArray, Frozen, LoopSettings, Note
 
 
 class Verdict(StrEnum):
@@ -61,7 +61,7 @@ class Estimates(Frozen, Sequence[Estimate], eq=False):
     def __len__(self) -> int:
         return len(self.begin)
 
-    def select(self, wanted: NDArray[np.bool_]) -> Self:
+    def select(self, wanted: BoolArray) -> Self:
         """Return some of them; wanted: (half_periods,)."""
         columns: dict[str, Any] = {n: x[wanted] for n, x in vars(self).items() if isinstance(x, np.ndarray)}
         return replace(self, **columns)

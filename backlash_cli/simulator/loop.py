@@ -6,11 +6,10 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..effects.shape import Stage, compiled
 from ..errors import LoopError, MetadataError, nearest
-from ..record import FloatArray, Frozen, Record, SampleState
+from ..record import BoolArray, FloatArray, Frozen, Record, SampleState
 from ..words import explained
 from .scenario import Applied, Scenario, Signal, draw_lines, every
 
@@ -77,7 +76,7 @@ class Trace(Frozen, eq=False):
     valve: FloatArray
     process_output: FloatArray
     error: FloatArray
-    by_hand: NDArray[np.bool_]
+    by_hand: BoolArray
     columns: Mapping[str, FloatArray]
 
     @property
@@ -146,7 +145,7 @@ def _from_outside(signal: Signal, samples: int, step: float, random: Random) -> 
     return values
 
 
-def _manual(s: Scenario, samples: int) -> tuple[NDArray[np.bool_], FloatArray]:
+def _manual(s: Scenario, samples: int) -> tuple[BoolArray, FloatArray]:
     by_hand, hand = np.zeros(samples, dtype=np.bool_), np.full(samples, np.nan)
     for spell in s.manual:
         if not 0.0 <= spell.start < spell.end:

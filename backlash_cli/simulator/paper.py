@@ -12,10 +12,9 @@ from importlib import resources
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..estimator.haegglund import DEFAULT_KP, published_estimates
-from ..record import FloatArray, Frozen, Record
+from ..record import BoolArray, FloatArray, Frozen, Record
 from ..results import Estimate
 from .controller import Compensator, Scheme
 from .limit_cycle import describing_function, limit_cycle
@@ -151,7 +150,7 @@ def recording(key: str, record: Record, found: Sequence[Estimate]) -> PaperFigur
     return replace(drawn, estimates=" ".join(f"{100 * e.d:.1f}" for e in found if e.accepted))
 
 
-def within(run: Trace, window: tuple[float, float]) -> NDArray[np.bool_]:
+def within(run: Trace, window: tuple[float, float]) -> BoolArray:
     """Return (samples,) True within a window of seconds."""
     return (run.time >= window[0]) & (run.time < window[1])
 

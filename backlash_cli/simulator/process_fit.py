@@ -11,7 +11,6 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.special import huber
 
@@ -19,7 +18,7 @@ from ..effects.process import late
 from ..errors import LoopError
 from ..estimator.predictor import block_means, recording_of
 from ..kernels import play
-from ..record import FloatArray, Frozen, Record, SampleState
+from ..record import BoolArray, FloatArray, Frozen, Record, SampleState
 from ..words import explained
 from .process import Process
 
@@ -46,7 +45,7 @@ class Fit(Frozen, eq=False):
 
     x: FloatArray
     y: FloatArray
-    joined: NDArray[np.bool_]
+    joined: BoolArray
     interval: float
     Ti: float
     sign: float

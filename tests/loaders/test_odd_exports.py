@@ -758,7 +758,8 @@ def with_column(name, of_row):
 
 @pytest.mark.parametrize(("name", "bad", "good"), [
     ("FIC101.BADPV", "1", "0"), ("FIC101.PV.IsBad", "TRUE", "FALSE"), ("FIC101.Quality", "Bad", "Good"),
-    ("FIC101.PV_STS", "0", "192")])
+    ("FIC101.PV_STS", "0", "192"), ("FIC101.BADPV", "ON", "OFF"), ("FIC101.PV.BadPV", "Yes", "No"),
+    ("FIC101.BADPVFL", "TRUE", "FALSE"), ("FIC101.PV_Bad", "WAHR", "FALSCH"), ("FIC101.PV质量", "坏", "好")])
 def test_a_mark_of_the_loop_is_one_of_its_measurement(tmp_path, name, bad, good):
     record = read(save(tmp_path, with_column(name, lambda k: bad if k in SPOILT else good)))["FIC101"]
     assert set(np.flatnonzero(record.state)) == set(SPOILT) and "bad_quality" in codes(record.notes)
@@ -768,12 +769,31 @@ def test_a_mark_of_the_loop_is_one_of_its_measurement(tmp_path, name, bad, good)
     ("FIC101.MAN", "TRUE", "FALSE", ""), ("FIC101.Manual", "1", "0", ""), ("FIC101.STATUS", "MANUAL", "AUTO", ""),
     ("FIC101.MODE", "0", "1", "mode_numbers"), ("FIC101.MAN", "MAN", "AUTO", ""),
     ("FIC101.MODE", "NR,MAN", "NR,AUT", ""), ("FIC101.MODE", "P-MAN", "P-AUTO", ""),
-    ("FIC101.MODE", "7ZQ", "AUTO", "mode_words")])
+    ("FIC101.MODE", "7ZQ", "AUTO", "mode_words"), ("FIC101.AUTO", "f", "t", ""), ("FIC101.AUTO", "N", "Y", ""),
+    ("FIC101.Auto", "FALSCH", "WAHR", ""), ("FIC101.Auto", "FAUX", "VRAI", ""), ("FIC101.Manual", "Yes", "No", ""),
+    ("FIC101.Hand", "Ja", "Nein", ""), ("FIC101.Automatik", "Nein", "Ja", ""),
+    ("FIC101.AUTO", "disabled", "enabled", "")])
 def test_modes_are_known_by_name_and_by_their_words(tmp_path, name, manual, auto, code):
     text = with_column(name, lambda k: f'"{manual if k in range(100, 300) else auto}"')
     record = read(save(tmp_path, text))["FIC101"]
     assert set(np.flatnonzero(record.state == SampleState.MANUAL)) == set(range(100, 300))
     assert {c for c in codes(record.notes) if c.startswith("mode")} == {code} - {""}
+
+
+@pytest.mark.parametrize(("target", "actual", "other"), [
+    ("FIC101.MODE.TARGET", "FIC101.MODE.ACTUAL", "AUTO"), ("FIC101_MODE_TARGET", "FIC101_MODE_ACTUAL", "CAS")])
+def test_of_two_modes_the_actual_one_counts(tmp_path, target, actual, other):
+    """Both were put together, and the first column of a row won."""
+    modes = with_column(f"{target},{actual}", lambda k: f"{other},{'MAN' if k in range(100, 300) else other}")
+    record = read(save(tmp_path, modes))["FIC101"]
+    assert set(np.flatnonzero(record.state == SampleState.MANUAL)) == set(range(100, 300))
+    assert "several_columns" in codes(record.notes)
+
+
+def test_channels_before_tags_are_no_part_of_them(tmp_path):
+    first, *rows = wide(delimiter="\t").splitlines()
+    names = [name if not k else f"[0:{k}] {name}" for k, name in enumerate(first.split("\t"))]
+    equals_the_recording(read(save(tmp_path, "\n".join(["\t".join(names), *rows])))["FIC101"])
 
 
 def test_the_output_in_manual_is_no_mode(tmp_path):
