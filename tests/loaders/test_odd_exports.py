@@ -414,6 +414,7 @@ def test_ten_thousand_columns_of_no_loop_are_passed_over_soon(tmp_path):
 @pytest.mark.parametrize(("text", "said"), [
     ("<!DOCTYPE html>\n<html><body>User</body></html>\n", "web page"),
     ("\ufeff<TABLE><tr><td>Time</td><td>FIC101.PV</td></tr></TABLE>\n", "table saved as one .HTML."),
+    ("BM\x10\0\0\0\0\0\0\0\x36\0\0\0", "a picture"), ("GIF89a\x10\0", "a picture"),
     ("TDSm\x0e\0\0\0", "TDMS"), ("Rar!\x1a\x07\x01\0", "RAR archive.* unpack"),
     ('[{"tag": "FIC101.PV", "value": 1.0},\n{"tag": "FIC101.PV", "value": 2.0}]\n', "JSON"),
     ("ARROW1\x00\x00" + 500 * "\x00", "Arrow"),
