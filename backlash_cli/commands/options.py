@@ -68,8 +68,9 @@ def cluster(given: Mapping[str, Any]) -> Iterator[Client | None]:
         yield None
         return
     from ..engines.cluster import connected
+    from ..engines.local import context_of_processes
 
-    with connected(scheduler, jobs, say) as client:
+    with connected(scheduler, jobs, say, "spawn" if scheduler else context_of_processes().get_start_method()) as client:
         yield client
 
 

@@ -34,17 +34,17 @@ _LOCAL = {
     # a loop that ends its process does so every time: two deaths are proof enough
     "distributed.scheduler.allowed-failures": 1, "distributed.scheduler.worker-saturation": 1.0,
     # a busy machine takes long to start a process again; given up, its work would wait for ever
-    "distributed.deploy.lost-worker-timeout": "1 hour", "distributed.worker.multiprocessing-method": "spawn",
-    "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1}
+    "distributed.deploy.lost-worker-timeout": "1 hour", "distributed.nanny.pre-spawn-environ.NUMBA_NUM_THREADS": 1}
 _GONE = ("CancelledError", "FutureCancelledError", "FuturesCancelledError")  # lost through no fault of the work
 
 
 @contextlib.contextmanager
-def connected(scheduler: str | None, jobs: int | None = None, say: Say = lambda text: None) -> Iterator[Client]:
+def connected(scheduler: str | None, jobs: int | None = None, say: Say = lambda text: None, method: str = "spawn"
+              ) -> Iterator[Client]:
     """Give a client of the cluster at `scheduler`, or of `jobs` processes on this machine that end with the block.
 
-    say: is told what takes long. Raises UsageError when Dask is not installed, BacklashError when no scheduler
-    answers or its workers cannot do this work."""
+    say: is told what takes long. method: by which multiprocessing starts a process. Raises UsageError when Dask is not
+    installed, BacklashError when no scheduler answers or its workers cannot do this work."""
     try:
         import dask
         from distributed import Client, LocalCluster
@@ -70,7 +70,7 @@ def connected(scheduler: str | None, jobs: int | None = None, say: Say = lambda 
             _check_workers(client, scheduler, where, say)
         else:
             wanted = jobs or cores()
-            stack.enter_context(dask.config.set(_LOCAL))
+            stack.enter_context(dask.config.set({**_LOCAL, "distributed.worker.multiprocessing-method": method}))
             try:
                 cluster = LocalCluster(n_workers=wanted, threads_per_worker=1, processes=True, dashboard_address=None,
                                        silence_logs=logging.CRITICAL)

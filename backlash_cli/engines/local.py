@@ -198,12 +198,15 @@ def context_of_processes(*, compiled: bool = True) -> BaseContext:
     forked: not of this one, whose threads a fork would copy in an unknown state. Where that cannot be (Windows; no
     folder for its socket) every process is begun anew. compiled: with its compiled loops, for PV against OP."""
     # it looks for modules where this process does, not in the folder one works in; an empty value is as none
-    places = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
-    before = {name: os.environ.get(name, "") for name in places}
-    os.environ.update(places)
+    given = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
+             "PYTHONWARNINGS": "ignore"}  # after a stop, of locks that are cleared away
+    before = {name: os.environ.get(name, "") for name in given}
+    os.environ.update(given)
     try:
+        from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
+        resource_tracker.ensure_running()  # its start lets Ctrl-C through again, to what is begun next as well
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([__name__, *["backlash_cli.kernels"] * compiled, "scipy.signal"])
         with _stops_wait():

@@ -82,6 +82,19 @@ def test_a_stop_ends_the_other_processes_too(plant, tmp_path):
         assert not [*(tmp_path / "t").glob("pymp-*")]
 
 
+@pytest.mark.parametrize(("engine", "delay"), [("local", 1.3), ("dask", 3.0)])
+def test_ctrl_c_reaches_every_process_and_is_answered_by_the_first(plant, engine, delay):
+    """Also while the process of which the others are forked loads what they need."""
+    pytest.importorskip("distributed")
+    running = subprocess.Popen([*COMMAND, "scan", str(plant), "--jobs", "2", "--engine", engine], text=True,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True)
+    time.sleep(delay)
+    os.killpg(running.pid, signal.SIGINT)
+    _, err = running.communicate(timeout=30)  # all of them hold their ends of the pipes
+    assert (running.returncode == 130 and "backlash: stopped" in err) or running.returncode == 0
+    assert "Traceback" not in err and "KeyboardInterrupt" not in err and "resource_tracker" not in err
+
+
 def test_processes_load_what_the_first_one_has_loaded(plant, tmp_path):
     """Not what lies in the folder one works in."""
     (tmp_path / "backlash_cli").mkdir()

@@ -6,12 +6,13 @@ import time
 import pytest
 
 from backlash_cli.engines.cluster import connected
+from backlash_cli.engines.local import context_of_processes
 
 
 @pytest.fixture(scope="session")
 def client():
     """The cluster's client; when the tests are over no process of it may be left."""
-    with connected(None, 2) as found:
+    with connected(None, 2, method=context_of_processes().get_start_method()) as found:
         yield found
         processes = processes_below()
     until = time.monotonic() + 10.0
