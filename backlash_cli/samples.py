@@ -25,6 +25,7 @@ CONVERTED = 2.5  # times larger or smaller (3.6: l/s and m3/h): another unit, no
 LOOK, ALIKE = 256, 0.999  # samples at each place, and correlation, of an output that is PV in another unit
 PASTED, REPEATED = 32, 0.2  # samples that no noise makes twice; share of a record from which on this is told
 LONE = FROZEN_RUN - 1  # samples in a row that may be lone zeros; more are frozen
+TORN = 2.0  # times as far from row to row as in the order of the file: that is no order of time
 FAR = 8.0  # usual moves from one sample to the next that a stand-in must lie outside of all others
 
 
@@ -48,6 +49,13 @@ def short_holes(values: FloatArray, index: IntArray, longest: int) -> tuple[Floa
     out, known = values.copy(), np.flatnonzero(np.isfinite(values))
     out[filled] = np.interp(np.flatnonzero(filled), known, values[known])
     return out, filled
+
+
+def torn(values: FloatArray, before: FloatArray) -> bool:
+    """Whether values (rows,) jump much farther from row to row than in the order they had before."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        now, then = (float(np.nansum(np.abs(np.diff(x)))) for x in (values, before))
+    return now > TORN * then
 
 
 def linear(times: IntArray, stamps: IntArray, values: FloatArray, limit: float, few: float) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import LoopError
 from ..record import NAT, BoolArray, FloatArray, Frozen, IntArray, Note, duration, utc_text
-from ..samples import MAX_HOLE
+from ..samples import MAX_HOLE, torn
 from .names import explained, noted
 
 SECOND, HOUR, DAY = 1_000_000, 3_600_000_000, 86_400_000_000  # microseconds
@@ -63,9 +63,8 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         raise LoopError(**explained("constant_time", rows=len(stamps), stamp=utc_text(stamps[0])))
     values, back, firsts = probe[rows], np.flatnonzero(np.diff(stamps) < 0), [row for row, _ in files[1:]]
     shifted = None if np.isin(rows[back + 1], firsts).any() else _clock_set_back(stamps, back, values, notes)
-    if shifted is not None:
-        stamps = shifted
-    elif len(back):
+    stamps = stamps if shifted is None else shifted
+    if shifted is None and len(back):
         half = np.abs(stamps[back + 1] - stamps[back] + DAY // 2) < HOUR // 2  # 12:59 is followed by 01:00
         notes.append(noted("unsorted:half_day" if half.all() else "unsorted", {"steps": float(len(back))}))
         turn = np.argsort(stamps, kind="stable")
@@ -88,6 +87,8 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
         stamps, rows = stamps[kept], rows[kept]
+    if torn(probe[rows], probe[np.sort(rows)]):
+        raise LoopError(**explained("unsorted_jumps", steps=len(back)))
     return Ordered(stamps, rows, tuple(notes))
 
 
@@ -216,9 +217,8 @@ class Grid(Frozen, eq=False):
             values = {"interval_s": self.step / SECOND, "recorded_share": share, "median_spacing_s": usual}
             found.append(noted("compressed", values, percent=100 * share, bridged=self.gap / SECOND))
         if gaps := tally["gaps"]:
-            longest = tally["longest"] / SECOND
-            found.append(noted("gaps", {"gaps": gaps, "longest_s": longest}, s="s" * (gaps > 1),
-                               length=duration(longest), begin=utc_text(int(tally["from"]))))
+            found.append(noted("gaps", {"gaps": gaps, "longest_s": tally["longest"] / SECOND}, s="s" * (gaps > 1),
+                               length=duration(tally["longest"] / SECOND), begin=utc_text(int(tally["from"]))))
         if short := tally["short"]:
             found.append(noted("missing_rows", {"samples": tally["absent"]}, gaps=short))
         return found

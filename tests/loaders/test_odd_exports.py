@@ -1781,3 +1781,19 @@ def test_two_files_that_contradict_each_other_where_they_overlap_are_refused(tmp
     plant = read(tmp_path)
     assert [record.loop for record in plant] == ["PIC303"]
     assert [note.code for note in plant.failures] == ["files_differ"]
+
+
+@pytest.mark.parametrize("times", ["numbers", "stamps"])
+def test_times_that_bring_no_order_into_the_rows_are_refused(tmp_path, times):
+    """Numbers of something else, or stamps that stand beside the rows of others; rows out of order alone are sorted."""
+    rng = np.random.default_rng(4)
+    rows = [f"{50 + 20 * np.sin(i / 40):.3f},{40 + 10 * np.cos(i / 40):.3f}" for i in range(600)]
+    stamps = [f"2026-03-17T08:{i // 60:02}:{i % 60:02}" for i in range(600)]
+    turn = rng.permutation(600)
+    wrong = [f"{x:.6f}" for x in 1000.0 * rng.random(600)] if times == "numbers" else [stamps[i] for i in turn]
+    for name, lines in (("wrong", zip(wrong, rows, strict=True)), ("turned", ((stamps[i], rows[i]) for i in turn))):
+        (tmp_path / f"{name}.csv").write_text("Time,F.PV,F.OP\n" + "".join(f"{t},{row}\n" for t, row in lines))
+    with pytest.raises(BacklashError, match="the time column is no time"):
+        read(tmp_path / "wrong.csv")
+    record = next(iter(read(tmp_path / "turned.csv")))
+    assert np.corrcoef(record.measurement, [float(row.split(",")[0]) for row in rows])[0, 1] > 0.999999
