@@ -87,7 +87,7 @@ def ordered(micros: IntArray, probe: FloatArray, files: Files = (), line: int = 
         # of rows with one stamp the first, or the first that holds a value
         kept = np.lexsort((~np.isfinite(values), stamps))[np.diff(stamps, prepend=stamps[0] - 1) != 0]
         stamps, rows = stamps[kept], rows[kept]
-    if torn(probe[rows], probe[np.sort(rows)]):
+    if len(back) and torn(probe[rows], probe[np.sort(rows)]):
         raise LoopError(**explained("unsorted_jumps", steps=len(back)))
     return Ordered(stamps, rows, tuple(notes))
 

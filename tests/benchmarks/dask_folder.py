@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 
 from backlash_cli.api import scan, scan_files
 from backlash_cli.engines.cluster import connected
+from backlash_cli.engines.local import context_of_processes
 from backlash_cli.loaders.plant import open_plant
 from backlash_cli.reporter.json_report import to_json
 from backlash_cli.scanning import ScanOptions
@@ -52,7 +53,7 @@ def main() -> None:
         local = to_json(scan_files([folder], options=options, jobs=1))
         print(f"local, one process: {time.perf_counter() - began[0]:.1f} s, CPU {time.process_time() - began[1]:.1f} s")
         began = time.perf_counter(), 0.0
-        with connected(None, 2) as client:
+        with connected(None, 2, method=context_of_processes().get_start_method()) as client:
             print(f"cluster of two processes started: {time.perf_counter() - began[0]:.1f} s")
             began, before = (time.perf_counter(), time.process_time()), workers_cpu(client)
             found = to_json(scan(open_plant([folder]), options, client=client))
